@@ -1,0 +1,221 @@
+"""Solving near a known shape: one accurate solve, and following a path of cases with step control.
+
+A shape is carried from case to case by a secant predictor and the solver's corrections. A step is taken only where the
+corrected shape stays near the predicted one and the end keeps its sign, that is its number of whole turns; otherwise it is halved.
+Deuflhard, "Newton Methods for Nonlinear Problems", chapter 5.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .boundary import Case
+from .errors import Status
+from .rotations import Array
+from .shape import Rod
+from .solvers import gauss_newton, ipopt, levenberg_marquardt
+from .solvers.interface import Options, Solution, Solver
+from .solvers.linear import Factor, factorise
+from .transcriptions.collocation import BoundCollocation, collocation, pack, stations
+
+SOLVERS: dict[str, Solver] = {
+    "gauss-newton": gauss_newton.solve,
+    "levenberg-marquardt": levenberg_marquardt.solve,
+    "ipopt": ipopt.solve,
+}
+STAGES = 5  # Gauss points an element: order 10 at the nodes
+ELEMENTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # meshes on offer; a function is built once for each
+RESIDUAL = 1e-11  # of the scaled equations
+STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
+NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
+SMALLEST_STEP = 2.0**-12  # of a path step
+CALM = 3  # corrector iterations up to which the next step may double
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solved discretisation with what is needed to go on from it.
+
+    Args:
+        case: what was solved.
+        bound: its equations.
+        solution: the solver's answer.
+    """
+
+    case: Case
+    bound: BoundCollocation
+    solution: Solution
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solver converged."""
+        return self.solution.status.ok
+
+    @functools.cached_property
+    def rod(self) -> Rod:
+        """The states at the nodes."""
+        states = self.bound.unpack(self.solution.x)
+        return Rod(self.case.section, self.case.load, states.mesh, states.q, states.r, states.force, states.moment)
+
+    @functools.cached_property
+    def factor(self) -> Factor:
+        """The factorised Jacobian at the solution."""
+        return factorise(self.bound.linearise(self.solution.x)[1])
+
+    @property
+    def turned(self) -> bool:
+        """Whether the end came out with the opposite sign: an odd number of whole turns away from the one asked for."""
+        boundary = self.case.boundary
+        return boundary.kind.end_orientation and float(self.rod.q[-1] @ boundary.end_quaternion) < 0.0
+
+
+def _load_scale(load: Array, force: Array) -> float:
+    return 1.0 + float(np.linalg.norm(load)) + float(np.linalg.norm(force))
+
+
+def solve_on(case: Case, mesh: Array, x: Array, solver: str, iterations: int = 60) -> Solved:
+    """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended."""
+    bound = collocation(len(mesh) - 1, STAGES, bool(np.any(case.load))).bind(
+        case.section, case.load, case.boundary, mesh
+    )
+    # rounding grows with the loads that the moment equations carry
+    tolerance = RESIDUAL * np.sqrt(_load_scale(case.load, x[-3:]))
+    solution = SOLVERS[solver](bound.least_squares(), x, Options(tolerance, iterations))
+    return Solved(case, bound, solution)
+
+
+def resample(rod: Rod, mesh: Array) -> Array:
+    """Return the unknowns (..., m) on ``mesh`` that describe the shapes of ``rod``, one or many."""
+    samples = rod.sample(stations(mesh, STAGES))
+    return pack(samples.q, samples.moment, samples.force[..., 0, :], STAGES)
+
+
+def error_estimate(solved: Solved) -> tuple[float, Array]:
+    """Return the estimated error of the centreline, in L, and each element's own contribution (n,).
+
+    The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
+    estimate is of the global error and needs no second solve.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        defects = solved.rod.defects()
+    return error_from_defects(solved, *defects)
+
+
+def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple[float, Array]:
+    """Return what :func:`error_estimate` does, from defects (n, 4), (n, 3), (n, 3) already at hand."""
+    mesh = solved.bound.mesh
+    n, s = len(mesh) - 1, STAGES
+    local = np.linalg.norm(dr, axis=-1) + np.diff(mesh) * np.linalg.norm(dq, axis=-1)
+    local = np.where(np.isfinite(local), local, np.inf)
+    if not (np.all(np.isfinite(dm)) and np.max(local) < 1.0):
+        return np.inf, local
+    residual = np.zeros(solved.bound.transcription.size)
+    blocks = residual[4 : 4 + n * (4 * s + 7)].reshape(n, 4 * s + 7)
+    blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :] = dq, dm
+    kind = solved.case.boundary.kind
+    if kind.start_position and kind.end_position:
+        residual[4 + n * (4 * s + 7) :][:3] = -dr.sum(axis=0)
+    factor = solved.solution.factor or solved.factor  # that of the last iteration is good enough for an estimate
+    dx = factor.solve(residual)
+    moved = solved.bound.centreline_rates(solved.solution.x, dx[:, None])[1][:: s + 1, :, 0]
+    # the centreline's own local errors add to those that come from the frames
+    moved = moved + np.vstack([np.zeros(3), np.cumsum(dr, axis=0)])
+    return float(np.max(np.linalg.norm(moved, axis=-1))), local
+
+
+def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
+    """Return a mesh of ``elements`` on which the local errors (n,) would be equal (equidistribution).
+
+    The error of an element falls with the power 2 STAGES + 1 of its length; the density is smoothed over neighbours
+    so that lengths change gradually. Ascher, Mattheij, Russell, "Numerical Solution of BVPs for ODEs", section 9.2.
+    """
+    steps = np.diff(mesh)
+    finite = local[np.isfinite(local)]
+    ceiling = max(float(finite.max(initial=0.0)), 1e-30)
+    monitor = np.clip(np.where(np.isfinite(local), local, 10.0 * ceiling), 1e-12 * ceiling, None)
+    density = monitor ** (1.0 / (2 * STAGES + 1)) / steps
+    padded = np.concatenate([density[:1], density, density[-1:]])
+    density = np.maximum(density, 0.5 * np.maximum(padded[:-2], padded[2:]))
+    density = density + 0.1 * np.sum(density * steps)  # no stretch is left without elements
+    run = np.concatenate([[0.0], np.cumsum(density * steps)])
+    return np.interp(np.linspace(0.0, run[-1], elements + 1), run, mesh)
+
+
+def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float, Status]:
+    """Refine the mesh of a solved case until its estimated error is at most ``tolerance`` (in L).
+
+    Returns:
+        The last solve, its estimated error, and OK, INACCURATE or the solver's own failure.
+    """
+    error, local = error_estimate(solved)
+    while error > tolerance:
+        n = len(solved.rod.mesh) - 1
+        wanted = 2 * n if not np.isfinite(error) else n * min(2.0, 1.15 * (error / tolerance) ** (0.5 / STAGES))
+        finer = [m for m in ELEMENTS if m >= wanted and m > n]
+        if not finer:
+            return solved, error, Status.INACCURATE
+        mesh = refined_mesh(solved.rod.mesh, local, finer[0])
+        x = resample(solved.rod, mesh)
+        if not np.all(np.isfinite(x)):
+            return solved, error, Status.INACCURATE
+        again = solve_on(solved.case, mesh, x, solver)
+        if not again.ok or again.turned:
+            return solved, error, again.solution.status if not again.ok else Status.WRONG_TURNS
+        solved = again
+        error, local = error_estimate(solved)
+    return solved, error, Status.OK
+
+
+def _predict(before: Solved | None, here: Solved, ratio: float) -> Array:
+    if before is None or before.solution.x.shape != here.solution.x.shape:
+        return here.solution.x
+    return here.solution.x + ratio * (here.solution.x - before.solution.x)
+
+
+def _turning(solved: Solved, x: Array) -> float:
+    """Return the largest turning, rad, between the quaternions of ``x`` and those solved."""
+    a, b = solved.bound.unpack(x).q, solved.rod.q
+    return float(2.0 * np.max(np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))))
+
+
+def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: str) -> Solved | None:
+    """Go from ``here`` to the near ``case`` in one step; None where the step is too long to be trusted.
+
+    Args:
+        case: where to.
+        here, before: the last two solves; ``before`` may be None.
+        ratio: this step's length over the last one's, for the secant predictor.
+        solver: name.
+    """
+    guess = _predict(before, here, ratio)
+    solved = solve_on(case, here.bound.mesh, guess, solver, STEP_ITERATIONS)
+    if not solved.ok or solved.turned or _turning(solved, guess) > NEAR:
+        return None
+    return solved
+
+
+def follow(path: Callable[[float], Case], start: Solved, first: float, last: float, solver: str) -> tuple[Solved, float]:
+    """Follow ``path`` from parameter ``first``, where ``start`` was solved, towards ``last``.
+
+    Returns:
+        The last solve and its parameter: ``last`` where the path could be followed to its end.
+    """
+    here, before, at = start, None, first
+    length, previous = last - first, 1.0
+    while at != last:
+        target = last if abs(last - at) <= abs(length) * (1.0 + 1e-9) else at + length
+        solved = step(path(target), here, before, (target - at) / previous if before else 0.0, solver)
+        if solved is None:
+            length *= 0.5
+            if abs(length) < SMALLEST_STEP * abs(last - first):
+                break
+            continue
+        previous = target - at
+        here, before, at = solved, here, target
+        if solved.solution.iterations <= CALM:
+            length *= 2.0
+    return here, at

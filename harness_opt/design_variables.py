@@ -1,0 +1,183 @@
+"""What a redesign may change: reading design variables from a problem, writing them into it, and what they move."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from . import rotations
+from .errors import ProblemError
+from .problem import Design, End, Problem, Variable
+from .rotations import Array
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a variable's name stands for.
+
+    Args:
+        cable: its name.
+        side: "start" or "end"; None for the length.
+        quantity: "length", "position" or "rotate".
+        axis: 0, 1 or 2; 0 for the length.
+    """
+
+    cable: str
+    side: Literal["start", "end"] | None
+    quantity: Literal["length", "position", "rotate"]
+    axis: int
+
+
+def target(name: str) -> Target:
+    """Return what ``name`` stands for: ``CABLE.length``, ``CABLE.SIDE.position.x``, ``CABLE.SIDE.rotate_x_deg``.
+
+    Raises:
+        ProblemError: a name of another form.
+    """
+    cable, _, rest = name.rpartition(".length")
+    if cable and not rest:
+        return Target(cable, None, "length", 0)
+    for side in ("start", "end"):
+        for axis, letter in enumerate(AXES):
+            for quantity, ending in (("position", f".{side}.position.{letter}"), ("rotate", f".{side}.rotate_{letter}_deg")):
+                if name.endswith(ending) and len(name) > len(ending):
+                    return Target(name[: -len(ending)], side, quantity, axis)  # type: ignore[arg-type]
+    raise ProblemError(
+        f"design.variables.{name}: found no such quantity, expected CABLE.length, CABLE.start.position.x or "
+        "CABLE.end.rotate_x_deg and the like"
+    )
+
+
+def names(problem: Problem) -> list[str]:
+    """Return every design variable that ``problem`` could have."""
+    found = []
+    for cable, run in problem.cables.items():
+        found.append(f"{cable}.length")
+        for side, end in (("start", run.start), ("end", run.end)):
+            if end.position is not None:
+                found += [f"{cable}.{side}.position.{axis}" for axis in AXES]
+            if end.quaternion is not None:
+                found += [f"{cable}.{side}.rotate_{axis}_deg" for axis in AXES]
+    return found
+
+
+def values(problem: Problem) -> Array:
+    """Return the present values (k,) of the design variables; turns are 0, being counted from the pose given."""
+    present = []
+    for variable in problem.design.variables:
+        what = target(variable.name)
+        run = problem.cables[what.cable]
+        if what.quantity == "length":
+            present.append(run.cable.length)
+        elif what.quantity == "position":
+            end: End = getattr(run, what.side)  # type: ignore[arg-type]
+            present.append(end.position[what.axis])  # type: ignore[index]
+        else:
+            present.append(0.0)
+    return np.array(present)
+
+
+def _turn(turns: dict[int, float]) -> Array:
+    """Return the quaternion of turns (deg) about the clamp's own d1, then d2, then d3, by axis."""
+    q = np.array(rotations.IDENTITY)
+    for axis in sorted(turns):
+        q = rotations.multiply(q, rotations.from_rotation_vector(np.deg2rad(turns[axis]) * np.eye(3)[axis]))
+    return q
+
+
+def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
+    """Return ``problem`` with its design variables set to ``design`` (k,).
+
+    Clamps turn about their own d1, then d2, then d3. Bounds on turns are kept as they are; see :func:`rebased`.
+    """
+    runs = dict(problem.cables)
+    turns: dict[tuple[str, str], dict[int, float]] = {}
+    for variable, value in zip(problem.design.variables, design, strict=True):
+        what = target(variable.name)
+        run = runs[what.cable]
+        if what.quantity == "length":
+            runs[what.cable] = dataclasses.replace(run, cable=dataclasses.replace(run.cable, length=float(value)))
+        elif what.quantity == "position":
+            end: End = getattr(run, what.side)  # type: ignore[arg-type]
+            position = list(end.position)  # type: ignore[arg-type]
+            position[what.axis] = float(value)
+            runs[what.cable] = dataclasses.replace(
+                run, **{what.side: dataclasses.replace(end, position=tuple(position))}  # type: ignore[arg-type]
+            )
+        else:
+            turns.setdefault((what.cable, what.side), {})[what.axis] = float(value)  # type: ignore[arg-type]
+    for (cable, side), angles in turns.items():
+        end = getattr(runs[cable], side)
+        turned = tuple(rotations.multiply(end.quaternion, _turn(angles)).tolist())
+        runs[cable] = dataclasses.replace(runs[cable], **{side: dataclasses.replace(end, quaternion=turned)})  # type: ignore[arg-type]
+    return dataclasses.replace(problem, cables=runs)
+
+
+def rebased(problem: Problem, design: Array) -> Problem:
+    """Return :func:`apply` with the bounds on turns counted from the new poses, as a written file must have them."""
+    variables = []
+    for variable, value in zip(problem.design.variables, design, strict=True):
+        if target(variable.name).quantity == "rotate":
+            variable = Variable(variable.name, variable.lower - float(value), variable.upper - float(value))
+        variables.append(variable)
+    applied = apply(problem, design)
+    return dataclasses.replace(applied, design=Design(problem.design.minimise, tuple(variables)))
+
+
+@dataclass(frozen=True)
+class ClampRates:
+    """How the clamps and the length of one cable move with k design variables, in P frames.
+
+    Args:
+        start, end: of the clamps' world positions, (P, 3, k), m per unit of the variable.
+        start_turn, end_turn: of the clamps' orientations, in their own section frames, (3, k), rad per unit.
+        length: (k,), m per unit.
+    """
+
+    start: Array
+    end: Array
+    start_turn: Array
+    end_turn: Array
+    length: Array
+
+
+def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> ClampRates:
+    """Return the rates of the clamps of ``cable`` with respect to all k design variables at ``design`` (k,).
+
+    Args:
+        problem: the problem before :func:`apply`.
+        cable: name.
+        design: present values.
+        motion: (P,) of the frames.
+    """
+    variables = problem.design.variables
+    count, run = len(variables), problem.cables[cable]
+    targets = [target(variable.name) for variable in variables]
+    angles: dict[str, dict[int, float]] = {"start": {}, "end": {}}
+    for what, value in zip(targets, design, strict=True):
+        if what.cable == cable and what.quantity == "rotate":
+            angles[what.side][what.axis] = float(value)  # type: ignore[index]
+    place = {side: np.zeros((len(motion), 3, count)) for side in ("start", "end")}
+    turn = {side: np.zeros((3, count)) for side in ("start", "end")}
+    length = np.zeros(count)
+    for j, what in enumerate(targets):
+        if what.cable != cable:
+            continue
+        if what.side is None:
+            length[j] = 1.0
+            continue
+        if what.quantity == "position":
+            quaternions = problem.body(getattr(run, what.side).body).poses(motion)[1]
+            place[what.side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
+        else:
+            # the turns that come after this one carry its axis along: seen from the final section frame
+            after = {axis: angle for axis, angle in angles[what.side].items() if axis > what.axis}
+            axis = rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[what.axis])
+            turn[what.side][:, j] = np.deg2rad(1.0) * axis
+    return ClampRates(place["start"], place["end"], turn["start"], turn["end"], length)

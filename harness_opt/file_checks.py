@@ -1,0 +1,246 @@
+"""Checks of a problem file that need more than one key: references, choices, names, bounds.
+
+They walk the tree that :func:`~harness_opt.file_schema.structured` leaves: plain tables, ``INVALID`` where a
+value is already known to be wrong. So one run names every mistake, and none twice.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from .file_schema import INVALID, MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
+from .file_values import MESH_UNITS, KeyPath, Mistake, one_of, shown
+from .problem import WORLD
+
+Tree = Mapping[str, Any]
+
+SIDES = ("start", "end")
+ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
+NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
+
+
+def table(tree: Any, *path: str) -> Tree:
+    """Return the table at ``path``; an empty one where there is none."""
+    for key in path:
+        tree = tree.get(key) if isinstance(tree, Mapping) else None
+    return tree if isinstance(tree, Mapping) else {}
+
+
+def value(tree: Tree, key: str) -> Any:
+    """Return the value of ``key``, or None where it is missing or already named as wrong."""
+    found = tree.get(key)
+    return None if found is INVALID else found
+
+
+def mistakes_between(tree: Tree, folder: Path) -> Iterator[Mistake]:
+    """Yield the mistakes that only several keys, or a mesh file, show.
+
+    Args:
+        tree: the tables, with ``INVALID`` for values that are known to be wrong.
+        folder: where the problem file lies; mesh paths start there.
+    """
+    yield from _names(tree)
+    for name in table(tree, "cables"):
+        yield from _cable(tree, name)
+    for name in table(tree, "parts"):
+        yield from _part(tree, name, folder)
+    yield from _bend_radius(tree)
+    yield from _variables(tree)
+
+
+def _names(tree: Tree) -> Iterator[Mistake]:
+    for section in ("cables", "bodies", "parts"):
+        for name in table(tree, section):
+            if not name or name != name.strip() or not all(c.isalnum() or c in NAME_MARKS for c in name):
+                words = "expected a name of letters, digits, spaces, _ and -"
+                yield (section, name), f"found the name {shown(name)}, {words}"
+    if WORLD in table(tree, "bodies"):
+        yield (
+            ("bodies", WORLD),
+            'found "world", expected another name: the world always exists and stands still',
+        )
+
+
+def _body(tree: Tree, path: KeyPath, owner: Tree) -> Iterator[Mistake]:
+    """Check that the body which ``owner`` names exists."""
+    name, bodies = value(owner, "body"), tree.get("bodies", {})
+    if name is None or not isinstance(bodies, Mapping):
+        return
+    known = [WORLD, *(body for body in bodies if body != WORLD)]
+    if name not in known:
+        yield (*path, "body"), f"found {shown(name)}, expected {one_of(known, name)}"
+
+
+# --- cables --------------------------------------------------------------------------------------------
+
+
+def _cable(tree: Tree, name: str) -> Iterator[Mistake]:
+    path, cable = ("cables", name), table(tree, "cables", name)
+    if "density" in cable and "mass_per_length" in cable:
+        yield (*path, "density"), "found mass_per_length as well, expected one of the two"
+    ends = {side: table(cable, side) for side in SIDES}
+    for side, end in ends.items():
+        yield from _body(tree, (*path, side), end)
+        yield from _choices((*path, side), end)
+    yield from _turns(path, ends)
+    given = all(isinstance(cable.get(side), Mapping) for side in SIDES)
+    if given and not any("position" in end for end in ends.values()):
+        words = "found no position at either end, expected one: the cable would fly away"
+        yield (*path, "end", "position"), words
+
+
+def _choices(path: KeyPath, end: Tree) -> Iterator[Mistake]:
+    """Check what excludes each other at one end."""
+    for *others, key in (("position", "force"), (*ORIENTATIONS, "moment"), ORIENTATIONS):
+        for other in others:
+            if other in end and key in end:
+                yield (*path, key), f"found {other} as well, expected {other} or {key}"
+    if "roll_deg" in end and "tangent" not in end:
+        yield (*path, "tangent"), "found nothing, expected a tangent for roll_deg to turn about"
+
+
+def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
+    """Check that turns stand where they count: at the end of a cable that is clamped at both ends."""
+    if value(ends["start"], "turns"):
+        turns = value(ends["start"], "turns")
+        yield (*path, "start", "turns"), f"found {shown(turns)}, expected turns at the cable's end only"
+    turns = value(ends["end"], "turns")
+    if not turns:
+        return
+    for side, end in ends.items():
+        if not any(key in end for key in ORIENTATIONS):
+            words = f"expected 0, as the {side} has neither quaternion nor tangent"
+            yield (*path, "end", "turns"), f"found {shown(turns)}, {words}"
+
+
+# --- parts and limits ----------------------------------------------------------------------------------
+
+
+def _part(tree: Tree, name: str, folder: Path) -> Iterator[Mistake]:
+    path, part = ("parts", name), table(tree, "parts", name)
+    if not isinstance(tree["parts"][name], Mapping):
+        return
+    yield from _body(tree, path, part)
+    shapes = [shape for shape in PART_SHAPES if shape in part]
+    if len(shapes) != 1:
+        found = " and ".join(shapes) or "no shape"
+        yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
+    if "mesh_unit" in part and "mesh" not in part:
+        yield (*path, "mesh_unit"), "found a unit without a mesh, expected it beside mesh only"
+    mesh = value(part, "mesh")
+    if mesh is not None:
+        yield from _mesh(path, mesh, "mesh_unit" in part, folder)
+
+
+def _mesh(path: KeyPath, mesh: str, has_unit: bool, folder: Path) -> Iterator[Mistake]:
+    """Check the suffix, the unit and the presence of a mesh file; what is in it is the scene's to read."""
+    suffix = Path(mesh).suffix.lower()
+    known = (*UNITLESS_MESHES, *MESHES_IN_METRES)
+    if suffix not in known:
+        yield (*path, "mesh"), f"found {shown(mesh)}, expected a file ending in {one_of(known, suffix)}"
+    elif suffix in UNITLESS_MESHES and not has_unit:
+        words = f"expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"
+        yield (*path, "mesh_unit"), f"found nothing, {words}"
+    why = unreadable(located(folder, mesh))
+    if why:
+        yield (*path, "mesh"), f"found {shown(mesh)}, {why}, expected a mesh (paths start at {folder})"
+
+
+def located(folder: Path, name: str) -> Path:
+    """Return the absolute path of the file that a problem file in ``folder`` calls ``name``.
+
+    Links of folders are followed, as opening the file would; that of the file is not: its suffix counts.
+    """
+    file = folder / name
+    return file if "\0" in name else file.parent.resolve() / file.name
+
+
+def unreadable(file: Path) -> str:
+    """Return what stands in the place of a readable ``file``, or an empty text where there is one."""
+    if "\0" in str(file):
+        return "a name with a null character"
+    try:
+        if file.is_dir():
+            return "a folder"
+        if not file.exists():
+            near = [other.name for other in file.parent.iterdir()] if file.parent.is_dir() else []
+            nearest = one_of(near, file.name).partition("; ")[2]
+            return "no such file" + (f" ({nearest})" if nearest else "")
+        # pipes have no size
+        if file.is_file() and file.stat().st_size == 0:
+            return "an empty file"
+        return "" if os.access(file, os.R_OK) else "a file that may not be read"
+    except OSError as error:
+        return f"a file that can't be opened ({error.strerror})"
+
+
+def _bend_radius(tree: Tree) -> Iterator[Mistake]:
+    limit = value(table(tree, "limits"), "bend_radius")
+    diameters = {name: value(table(tree, "cables", name), "diameter") for name in table(tree, "cables")}
+    thick = max(
+        (name for name, d in diameters.items() if d is not None), key=lambda n: diameters[n], default=None
+    )
+    if limit is not None and thick is not None and limit < 0.5 * diameters[thick]:
+        words = f"expected at least {0.5 * diameters[thick]:.6g}, half the diameter of cable {thick!r}"
+        yield ("limits", "bend_radius"), f"found {shown(limit)}, {words}"
+
+
+# --- design --------------------------------------------------------------------------------------------
+
+
+def variables_of(cable: str) -> dict[str, tuple[str, str] | None]:
+    """Return the design variables of a cable by name: side and what it needs there; None for its length."""
+    names: dict[str, tuple[str, str] | None] = {f"{cable}.length": None}
+    for side in SIDES:
+        for axis in "xyz":
+            names[f"{cable}.{side}.position.{axis}"] = (side, "position")
+            names[f"{cable}.{side}.rotate_{axis}_deg"] = (side, "orientation")
+    return names
+
+
+def _variables(tree: Tree) -> Iterator[Mistake]:
+    known = {
+        name: (cable, need) for cable in table(tree, "cables") for name, need in variables_of(cable).items()
+    }
+    for name, bounds in table(tree, "design", "variables").items():
+        path = ("design", "variables", name)
+        if isinstance(bounds, Mapping) or "cables" not in tree or tree["cables"] is INVALID:
+            continue
+        if name not in known:
+            yield path, f"found an unknown variable, expected {_nearest_variable(known, name)}"
+            continue
+        cable, need = known[name]
+        if need is not None:
+            yield from _given(path, tree, cable, need)
+        if bounds is not INVALID:
+            yield from _bounds(path, bounds, is_length=need is None)
+
+
+def _nearest_variable(known: Mapping[str, Any], name: str) -> str:
+    """Return what to type in the place of ``name``; the whole list would fill the screen."""
+    forms = "CABLE.length, CABLE.start.position.x or CABLE.end.rotate_x_deg and the like"
+    nearest = one_of(known, name).partition("; ")[2]
+    return f"{forms}; {nearest}" if nearest else forms
+
+
+def _given(path: KeyPath, tree: Tree, cable: str, need: tuple[str, str]) -> Iterator[Mistake]:
+    """Check that the end which a variable moves or turns has what it changes."""
+    side, what = need
+    end = tree["cables"][cable].get(side) if isinstance(tree["cables"][cable], Mapping) else None
+    keys = ORIENTATIONS if what == "orientation" else ("position",)
+    if isinstance(end, Mapping) and not any(key in end for key in keys):
+        yield (
+            path,
+            f"found no {' or '.join(keys)} in cables.{cable}.{side}, expected one for the variable to change",
+        )
+
+
+def _bounds(path: KeyPath, bounds: Any, *, is_length: bool) -> Iterator[Mistake]:
+    lower, upper = bounds
+    if not lower < upper:
+        yield path, f"found {shown(bounds)}, expected [lower, upper] with the lower bound below the upper"
+    if is_length and not lower > 0:
+        yield path, f"found {shown(bounds)}, expected a lower bound above 0 for a length"

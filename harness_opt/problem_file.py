@@ -1,0 +1,324 @@
+"""Problem files: TOML to :class:`~harness_opt.problem.Problem` and back.
+
+The way in: bytes -> TOML -> tables (``file_schema``) -> checks between keys (``file_checks``) -> Problem.
+Every mistake met on the way is gathered and raised as one :class:`~harness_opt.errors.ProblemError`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from . import file_schema, rotations
+from .errors import ProblemError
+from .file_checks import SIDES, Tree, located, mistakes_between, table, unreadable, value
+from .file_schema import schema
+from .file_values import Mistake, dotted, shown
+from .file_writer import problem_text
+from .poses_file import parse_poses
+from .problem import (
+    WORLD,
+    Body,
+    BodyMotion,
+    Box,
+    Cable,
+    CableRun,
+    Capsule,
+    Cylinder,
+    Design,
+    End,
+    Hinge,
+    Limits,
+    MeshFile,
+    Part,
+    Poses,
+    Problem,
+    Shape,
+    Slide,
+    Sphere,
+    Variable,
+)
+
+__all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
+
+MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
+REACH_TOLERANCE = 1e-9  # share of the length by which rounding may set a straight cable's clamps apart
+
+_MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
+
+
+def read_problem(path: str | os.PathLike[str]) -> Problem:
+    """Return the problem that a TOML file describes.
+
+    Meshes are looked for, not read; tables of poses are read.
+
+    Args:
+        path: of the problem file; paths inside it start at its folder.
+
+    Raises:
+        ProblemError: one line a mistake, ``FILE: cables.lead.length: found -1, expected a number above 0``.
+    """
+    file = Path(path)
+    why = unreadable(file)
+    if why:
+        raise ProblemError(f"{file}: found {why}, expected a problem file")
+    return parse_problem(file.read_bytes(), file)
+
+
+def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
+    """Write ``problem`` as a TOML file that runs from where it lies, and return its absolute path.
+
+    Paths of meshes and tables of poses are rewritten relative to the file's folder, which is made where it is
+    missing. A table of poses that is in no file, or is no longer what its file holds, is written beside as
+    ``NAME_BODY.csv``.
+    Each file is written aside and then renamed, so that none is ever half there.
+
+    Args:
+        problem: what to write; read back it is equal, but for ``file`` and ``sha256``.
+        path: of the file.
+
+    Raises:
+        ProblemError: the file can't be written, or could not be read back: nothing is written then.
+    """
+    file = Path(path)
+    file = file.parent.resolve() / file.name
+    if file.is_dir():
+        raise ProblemError(f"{file}: found a folder, expected the name of a file to write")
+    text, tables = problem_text(problem, file)
+    content = text.encode()
+    parse_problem(content, file, pending=tables)  # the proof that it can be read, before anything is touched
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for target, data in (*tables.items(), (file, content)):
+            _replace(target, data)
+    except OSError as error:
+        where = error.filename or file
+        raise ProblemError(
+            f"{file}: found no way to write {where} ({error.strerror}), expected one"
+        ) from error
+    return file
+
+
+def _replace(file: Path, content: bytes) -> None:
+    """Put ``content`` in the place of ``file`` in one step."""
+    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
+    try:
+        aside.write_bytes(content)
+        os.replace(aside, file)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def parse_problem(content: bytes, file: Path, pending: Mapping[Path, bytes] | None = None) -> Problem:
+    """Return the problem that the bytes of a TOML file describe.
+
+    Args:
+        content: the bytes.
+        file: where they lie, or will lie; paths inside start at its folder.
+        pending: contents of tables of poses that are yet to be written, by absolute path.
+
+    Raises:
+        ProblemError: as :func:`read_problem`.
+    """
+    folder = file.parent.resolve()
+    tables, tree, mistakes = file_schema.structured(_toml(content, file))
+    mistakes += mistakes_between(tree, folder)
+    motions, wrong = _motions(tree, folder, pending or {})
+    mistakes += wrong
+    mistakes += _reach(tree, motions)
+    if mistakes or tables is None:
+        raise ProblemError(f"{file}: {dotted(path)}: {words}" for path, words in mistakes)
+    return Problem(
+        cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
+        bodies={name: Body(motions[name]) for name in tables.bodies},
+        parts={name: _part(part, folder) for name, part in tables.parts.items()},
+        gravity=tables.gravity,
+        limits=_limits(tables.limits),
+        design=_design(tables.design),
+        duration=tables.motion.duration,
+        spatial_step=tables.motion.spatial_step,
+        title=tables.title,
+        file=folder / file.name,
+        sha256=hashlib.sha256(content).hexdigest(),
+    )
+
+
+def _toml(content: bytes, file: Path) -> dict[str, Any]:
+    """Return the nested tables of a TOML text; a byte order mark, as Windows editors write, is let pass."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise ProblemError(
+            f"{file}: line {line}: found bytes that are not UTF-8, expected a TOML text"
+        ) from None
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ProblemError(f"{file}: found brackets nested too deeply, expected a problem file") from None
+    except ValueError as error:
+        raise ProblemError(f"{file}: {_syntax_words(str(error), text)}") from None
+
+
+def _syntax_words(message: str, text: str) -> str:
+    """Return tomllib's message with its place first and the text of the line."""
+    lines = text.split("\n")
+    placed = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
+    if placed:
+        line = int(placed[2])
+        found = shown(lines[line - 1].strip()) if line <= len(lines) else "the end of the file"
+        return f"line {line}, column {placed[3]}: found {found}, expected TOML: {_lowered(placed[1])}"
+    ended = re.fullmatch(r"(.*) \(at end of document\)", message, re.DOTALL)
+    if ended:
+        return f"line {len(lines)}: found the end of the file, expected TOML: {_lowered(ended[1])}"
+    return f"found a value that can't be read, expected TOML: {_lowered(message)}"
+
+
+def _lowered(words: str) -> str:
+    return words[:1].lower() + words[1:]
+
+
+# --- motions -------------------------------------------------------------------------------------------
+
+
+def _motions(
+    tree: Tree, folder: Path, pending: Mapping[Path, bytes]
+) -> tuple[dict[str, BodyMotion | None], list[Mistake]]:
+    """Return the motions of all bodies whose tables are in order, and the mistakes in tables of poses."""
+    motions: dict[str, BodyMotion | None] = {WORLD: None}
+    mistakes: list[Mistake] = []
+    for name in table(tree, "bodies"):
+        body = tree["bodies"][name]
+        if name == WORLD or not isinstance(body, Mapping):
+            continue
+        if "motion" not in body:
+            motions[name] = None
+            continue
+        try:
+            motion = _MOTION.validate_python(body["motion"])
+        except ValidationError:
+            continue  # named already when the whole file was structured
+        try:
+            motions[name] = _motion(motion, folder, pending)
+        except ProblemError as error:
+            path = ("bodies", name, "motion", "file")
+            mistakes.extend((path, line) for line in error.mistakes)
+    return motions, mistakes
+
+
+def _motion(motion: Any, folder: Path, pending: Mapping[Path, bytes]) -> BodyMotion:
+    if isinstance(motion, file_schema.HingeTable):
+        return Hinge(motion.point, motion.axis, math.radians(motion.from_deg), math.radians(motion.to_deg))
+    if isinstance(motion, file_schema.SlideTable):
+        return Slide(motion.direction, motion.from_, motion.to)
+    return _tabulated(motion.file, folder, pending)
+
+
+def _tabulated(name: str, folder: Path, pending: Mapping[Path, bytes]) -> Poses:
+    file = located(folder, name)
+    if file in pending:
+        return parse_poses(pending[file], file)
+    why = unreadable(file)
+    if why:
+        raise ProblemError(f"found {shown(name)}, {why}, expected a table of poses (paths start at {folder})")
+    return parse_poses(file.read_bytes(), file)
+
+
+def _reach(tree: Tree, motions: Mapping[str, BodyMotion | None]) -> Iterator[Mistake]:
+    """Yield the cables that are too short for their clamps at some moment of the motion."""
+    motion = np.linspace(0.0, 1.0, MOTION_SAMPLES)
+    for name in table(tree, "cables"):
+        cable = table(tree, "cables", name)
+        length = value(cable, "length")
+        ends = [_path_of(table(cable, side), motions, motion) for side in SIDES]
+        if length is None or ends[0] is None or ends[1] is None:
+            continue
+        distance = np.linalg.norm(ends[1] - ends[0], axis=1)
+        worst = int(np.argmax(distance))
+        if not distance[worst] <= length * (1 + REACH_TOLERANCE):
+            words = f"expected at least {distance[worst]:.6g}, the distance between its clamps"
+            at = f"at motion {motion[worst]:.3g} (of 0 to 1)"
+            yield ("cables", name, "length"), f"found {shown(length)}, {words} {at}"
+
+
+def _path_of(
+    end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotations.Array
+) -> rotations.Array | None:
+    """Return the world positions (P, 3) of a clamp at ``motion`` (P,), or None where they are not known."""
+    position, body = value(end, "position"), end.get("body", WORLD)
+    if position is None or not isinstance(body, str) or body not in motions:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        origins, turns = Body(motions[body]).poses(motion)
+        return origins + rotations.rotate(
+            turns, np.broadcast_to(np.asarray(position, dtype=float), origins.shape)
+        )
+
+
+# --- tables to domain classes --------------------------------------------------------------------------
+
+
+def _cable_run(cable: file_schema.CableTable) -> CableRun:
+    return CableRun(_cable(cable), start=_end(cable.start), end=_end(cable.end), bow=cable.bow)
+
+
+def _cable(cable: file_schema.CableTable) -> Cable:
+    mass = cable.mass_per_length or 0.0
+    if cable.density is not None:
+        mass = cable.density * 0.25 * math.pi * cable.diameter * cable.diameter
+    return Cable(
+        length=cable.length,
+        diameter=cable.diameter,
+        bending_stiffness=cable.bending_stiffness,
+        torsional_stiffness=cable.torsional_stiffness,
+        mass_per_length=mass,
+        rest_curvature=cable.rest_curvature,
+    )
+
+
+def _end(end: file_schema.EndTable) -> End:
+    quaternion: Any = end.quaternion
+    if end.tangent is not None:
+        quaternion = rotations.from_tangent(end.tangent, math.radians(end.roll_deg or 0.0))
+    return End(end.position, quaternion, end.force, end.moment, end.turns, end.body)
+
+
+def _part(part: file_schema.PartTable, folder: Path) -> Part:
+    return Part(_shape(part, folder), part.body, part.position, part.quaternion, part.clearance)
+
+
+def _shape(part: file_schema.PartTable, folder: Path) -> Shape:
+    if part.box is not None:
+        return Box(part.box.size)
+    if part.sphere is not None:
+        return Sphere(part.sphere.radius)
+    if part.cylinder is not None:
+        return Cylinder(part.cylinder.radius, part.cylinder.length)
+    if part.capsule is not None:
+        return Capsule(part.capsule.radius, part.capsule.length)
+    return MeshFile(located(folder, str(part.mesh)), part.mesh_unit)
+
+
+def _limits(limits: file_schema.LimitsTable) -> Limits:
+    twist = limits.twist_deg_per_m
+    return Limits(
+        clearance=limits.clearance,
+        bend_radius=limits.bend_radius,
+        twist=None if twist is None else math.radians(twist),
+        clamp_force=limits.clamp_force,
+        clamp_moment=limits.clamp_moment,
+    )
+
+
+def _design(design: file_schema.DesignTable) -> Design:
+    variables = tuple(Variable(name, lower, upper) for name, (lower, upper) in design.variables.items())
+    return Design(design.minimise, variables)

@@ -1,0 +1,121 @@
+"""How shapes change with the design: implicit differentiation of the discretised equilibrium.
+
+From R(x, p) = 0 follows dx/dp = -J^-1 dR/dp with the factorised Jacobian of the last solve: one back-substitution for
+each design variable, whatever the number of limits (Griewank and Walther, "Evaluating Derivatives", section 15).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .design_variables import ClampRates
+from .motion import Sweep
+from .rod import Section
+from .rotations import Array
+from .shape import Rod
+
+# The rates of the states at the nodes are exact; what is sampled between the nodes follows from them by a central
+# difference of the sampling alone, with a step that turns no section by more than this, rad.
+SAMPLING_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class ShapeRates:
+    """Rates of one cable's shapes at N stations of fixed s/L with k design variables, in P frames, SI.
+
+    Args:
+        position: (P, N, 3, k), world.
+        curvature: (P, N, 3, k), section frame.
+        force, moment: (P, N, 3, k), world.
+    """
+
+    position: Array
+    curvature: Array
+    force: Array
+    moment: Array
+
+
+@dataclass(frozen=True)
+class _NodeRates:
+    """Dimensionless rates of the states at the nodes, each (P, n + 1, 3 or 4, k), of rest curvature and load (3, k)."""
+
+    q: Array
+    r: Array
+    force: Array
+    moment: Array
+    rest: Array
+    load: Array
+
+
+def _node_rates(swept: Sweep, clamps: ClampRates) -> _NodeRates:
+    first = swept.frames[0]
+    length, count = swept.units.length, len(clamps.length)
+    # f L^3 / B and omega_rest L grow with the length
+    rest = np.outer(first.case.section.rest_curvature, clamps.length / length)
+    load = np.outer(first.case.load, 3.0 * clamps.length / length)
+    q, r, force, moment = [], [], [], []
+    for k, frame in enumerate(swept.frames):
+        bound, x = frame.bound, frame.solution.x
+        gap = (clamps.end[k] - clamps.start[k]) / length - np.outer(bound.boundary.gap, clamps.length / length)
+        change = bound.rates(
+            x, gap=gap, start_turn=clamps.start_turn, end_turn=clamps.end_turn, rest=rest, load=load,
+            loads=_applied_rates(frame, clamps, length),
+        )  # fmt: skip
+        dx = -frame.factor.solve(change)
+        stride = bound.transcription.stages + 1
+        _, places, turns = bound.centreline_rates(x, dx)
+        r.append(places[::stride])
+        q.append(turns[::stride])
+        moment.append(bound.moment_rates(dx))
+        force.append(dx[-3:] - bound.mesh[:, None, None] * load)
+    stacked = [np.stack(v).reshape(len(swept.frames), -1, c, count) for v, c in ((q, 4), (r, 3), (force, 3), (moment, 3))]
+    return _NodeRates(*stacked, rest, load)
+
+
+def _applied_rates(frame: object, clamps: ClampRates, length: float) -> dict[str, Array]:
+    """Return the rates of the dimensionless end loads: F L^2 / B and M L / B grow with the length."""
+    boundary = frame.case.boundary  # type: ignore[attr-defined]
+    return {
+        f"{side}_{load}": np.outer(getattr(boundary, f"{side}_{load}"), power * clamps.length / length)
+        for side in ("start", "end")
+        for load, power in (("force", 2.0), ("moment", 1.0))
+    }
+
+
+def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array) -> ShapeRates:
+    """Return the rates of all quantities of a swept cable at ``stations`` (N,), arc lengths over the length."""
+    nodes, rod, units = _node_rates(swept, clamps), swept.rod, swept.units
+    count, frames = len(clamps.length), len(swept.frames)
+    out = {name: np.zeros((frames, len(stations), 3, count)) for name in ("r", "omega", "force", "moment")}
+    for j in range(count):
+        largest = max(float(np.max(np.abs(nodes.q[..., j]))), 1e-12)
+        step = SAMPLING_STEP / largest
+        sides = [
+            Rod(
+                Section(rod.section.stiffness, rod.section.rest_curvature + sign * nodes.rest[:, j]),
+                rod.load + sign * nodes.load[:, j],
+                rod.mesh,
+                rod.q + sign * nodes.q[..., j],
+                rod.r + sign * nodes.r[..., j],
+                rod.force + sign * nodes.force[..., j],
+                rod.moment + sign * nodes.moment[..., j],
+            ).sample(stations)
+            for sign in (step, -step)
+        ]
+        for name, rate in out.items():
+            rate[..., j] = (getattr(sides[0], name) - getattr(sides[1], name)) / (2.0 * step)
+    here = rod.sample(stations)
+    longer = clamps.length / units.length
+    moved = out["r"] * units.length + here.r[..., None] * clamps.length
+    if frames and not swept.frames[0].case.boundary.kind.start_position:
+        origin = clamps.end - moved[:, -1]
+    else:
+        origin = clamps.start
+    return ShapeRates(
+        origin[:, None] + moved,
+        (out["omega"] - here.omega[..., None] * longer) / units.length,
+        units.force * (out["force"] - 2.0 * here.force[..., None] * longer),
+        units.moment * (out["moment"] - here.moment[..., None] * longer),
+    )

@@ -1,0 +1,63 @@
+"""Gauss-Newton with a line search: the fast method near a solution.
+
+Nocedal and Wright, "Numerical Optimization", sections 10.3 (the step) and 3.1 (backtracking). Where the Jacobian is
+square and regular the step is Newton's; where it is rank deficient it is the least-squares step of minimum norm. The factorised
+Jacobian is kept while it contracts well (Deuflhard, "Newton Methods for Nonlinear Problems", section 2.1.3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import Status
+from .interface import Array, LeastSquares, Options, Solution, largest
+from .linear import factorise
+
+SUFFICIENT = 1e-4  # Armijo's constant
+SMALLEST_STEP = 1e-4  # a shorter fraction of the step makes no progress worth the work
+CONTRACTION = 0.1  # while |R| falls by this factor a step, the Jacobian is kept: a chord step costs a tenth of a full one
+
+
+def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
+    """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
+    factor, stale = None, True
+    status = Status.ITERATION_LIMIT
+    residual = problem.residual(x)
+    best = largest(residual)
+    for iteration in range(options.iterations + 1):
+        if not np.isfinite(best):
+            status = Status.NOT_FINITE
+            break
+        if best <= options.tolerance:
+            status = Status.OK
+            break
+        if iteration == options.iterations:
+            break
+        if stale:
+            jacobian = problem.linearise(x)[1]
+            if not np.all(np.isfinite(jacobian.data)):
+                status = Status.NOT_FINITE
+                break
+            factor = factorise(jacobian)
+        step = -factor.solve(residual)  # type: ignore[union-attr]
+        length, trial = _search(problem, x, step, residual)
+        if length == 0.0:
+            if stale:
+                return Solution(x, Status.STALLED, best, iteration, factor)
+            stale = True  # the old Jacobian gave no descent: take the step again with a new one
+            continue
+        x = x + length * step
+        stale = length < 1.0 or largest(trial) > CONTRACTION * best
+        residual, best = trial, largest(trial)
+    return Solution(x, status, best, iteration, factor)
+
+
+def _search(problem: LeastSquares, x: Array, step: Array, residual: Array) -> tuple[float, Array]:
+    """Return the accepted fraction of ``step`` and the residual there; fraction 0 where none descends."""
+    cost, length = residual @ residual, 1.0
+    while length >= SMALLEST_STEP:
+        trial = problem.residual(x + length * step)
+        if np.all(np.isfinite(trial)) and trial @ trial <= (1.0 - 2.0 * SUFFICIENT * length) * cost:
+            return length, trial
+        length *= 0.5
+    return 0.0, residual

@@ -1,0 +1,75 @@
+"""What every solver takes and gives: a nonlinear least-squares problem, and a solution with its status."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ..errors import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """Find x such that the residual R(x) vanishes, or its sum of squares is least.
+
+    Args:
+        residual: x (n,) -> R (m,), scaled so that its entries are comparable.
+        linearise: x (n,) -> (R (m,), Jacobian (m, n), sparse, CSC).
+        symbolic: () -> (x, R) as CasADi expressions with the parameters filled in.
+    """
+
+    residual: Callable[[Array], Array]
+    linearise: Callable[[Array], tuple[Array, sp.csc_array]]
+    symbolic: Callable[[], tuple[ca.SX, ca.SX]]
+
+
+@dataclass(frozen=True)
+class Options:
+    """When to stop.
+
+    Args:
+        tolerance: largest entry of |R| that counts as solved.
+        iterations: limit.
+    """
+
+    tolerance: float = 1e-11
+    iterations: int = 60
+
+
+@dataclass(frozen=True)
+class Solution:
+    """How a solve ended.
+
+    Args:
+        x: (n,), the best iterate.
+        status: see :class:`~harness_opt.errors.Status`.
+        residual: largest entry of |R(x)|.
+        iterations: steps taken.
+        factor: what solves J y = b with the last Jacobian, or None where none was kept.
+    """
+
+    x: Array
+    status: Status
+    residual: float
+    iterations: int
+    factor: Any = None
+
+
+class Solver(Protocol):
+    """A method: one call, no state, the failure returned and not raised."""
+
+    def __call__(self, problem: LeastSquares, x: Array, options: Options) -> Solution: ...
+
+
+def largest(residual: Array) -> float:
+    """Return max |R|, infinite where an entry is not a number."""
+    value = float(np.max(np.abs(residual), initial=0.0))
+    return value if np.isfinite(value) else np.inf

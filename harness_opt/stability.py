@@ -1,0 +1,163 @@
+"""Is an equilibrium stable? The second variation of the energy, on the variations that the ends allow.
+
+Turning the sections by a small field phi (section frame) changes the energy, with the force F as multiplier of the
+end's position, to second order by
+
+    Q = 1/2 int  e . K e  +  M . (e x phi)  -  F . (phi x (phi x d3))  ds,      e = phi' + omega x phi,
+
+all in the section frame, K = diag(kx, ky, kz); phi vanishes where the orientation is given, and int phi x d3 ds (world) vanishes where both positions
+are. The shape is stable where Q > 0 for all such phi. (Derived from R exp(phi) to second order; compare Kumar and
+Healey, "A generalized computational approach to stability of static equilibria of nonlinearly elastic rods in the
+presence of constraints", CMAME 199, 2010.)
+
+phi is discretised by cubic elements, so the lowest eigenvalue of Q against int phi . phi is an upper bound that converges with
+the sixth power of the element.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import rotations
+from .boundary import Kind
+from .quadrature import gauss
+from .rotations import Array
+from .shape import Rod
+
+DEGREE = 3  # of the polynomials of phi on an element
+POINTS = 5  # Gauss points an element: exact for the products of polynomials, and for omega to high order
+# A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this much below
+# zero, relative to the largest load on the rod, still counts as zero.
+NEUTRAL = 1e-5
+
+
+@dataclass(frozen=True)
+class Stability:
+    """The second variation of one or many shapes (leading axes ...).
+
+    Args:
+        margin: lowest eigenvalue, dimensionless (B/L per rad^2); below zero is unstable, zero is neutral.
+        index: number of unstable directions.
+    """
+
+    margin: Array
+    index: Array
+
+    @property
+    def stable(self) -> Array:
+        """Whether no direction is unstable, (...)."""
+        return self.index == 0
+
+
+@functools.lru_cache(maxsize=64)
+def _shape_functions() -> tuple[Array, Array]:
+    """Return values and slopes (POINTS, DEGREE + 1) of the Lagrange polynomials on equispaced element nodes."""
+    nodes = np.linspace(0.0, 1.0, DEGREE + 1)
+    coefficients = np.linalg.inv(np.vander(nodes, increasing=True))
+    powers = np.vander(gauss(POINTS).nodes, DEGREE + 1, increasing=True)
+    slopes = np.zeros_like(powers)
+    slopes[:, 1:] = powers[:, :-1] * np.arange(1, DEGREE + 1)
+    return powers @ coefficients, slopes @ coefficients
+
+
+def _cross_matrix(v: Array) -> Array:
+    """Return [v] (..., 3, 3) with [v] u = v x u."""
+    out = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i, j] = -v[..., k]
+        out[..., j, i] = v[..., k]
+    return out
+
+
+def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
+    """Return Q's matrix (..., D, D), the position constraint (..., 3, D) and the mass matrix (D, D), D = 3 (3 n + 1)."""
+    tableau = gauss(POINTS)
+    steps = np.diff(rod.mesh)
+    count = len(steps)
+    s = (rod.mesh[:-1, None] + steps[:, None] * tableau.nodes).ravel()
+    samples = rod.sample(s)
+    lead = samples.q.shape[:-2]
+    split = (*lead, count, POINTS, 3)
+    inverse = rotations.conjugate(samples.q)
+    omega = samples.omega.reshape(split)
+    moment = rotations.rotate(inverse, samples.moment).reshape(split)
+    force = rotations.rotate(inverse, samples.force).reshape(split)
+    frame = rotations.matrix(samples.q).reshape(*split, 3)
+    stiffness = np.diag(rod.section.stiffness)
+    w, m = _cross_matrix(omega), _cross_matrix(moment)
+    # M . (e x phi) = phi . (M x e); F . (phi x (phi x d3)) = (F . phi)(phi . d3) - (F . d3)(phi . phi)
+    d3 = np.array([0.0, 0.0, 1.0])
+    geometric = force[..., 2, None, None] * np.eye(3) - 0.5 * (
+        force[..., :, None] * d3 + d3[:, None] * force[..., None, :]
+    )
+    rate = np.swapaxes(w, -1, -2) @ stiffness + 0.5 * m  # phi^T (.) phi'
+    plain = np.swapaxes(w, -1, -2) @ stiffness @ w + 0.5 * (m @ w + np.swapaxes(m @ w, -1, -2)) + geometric
+    value, slope = _shape_functions()
+    blocks = np.einsum("e,g,ga,gb,ij->eaibj", 1.0 / steps, tableau.weights, slope, slope, stiffness)
+    coupling = np.einsum("g,ga,gb,...egij->...eaibj", tableau.weights, value, slope, rate, optimize=True)
+    blocks = blocks + coupling + np.einsum("...eaibj->...ebjai", coupling)
+    blocks = blocks + np.einsum("e,g,ga,gb,...egij->...eaibj", steps, tableau.weights, value, value, plain, optimize=True)
+    lever = frame @ np.swapaxes(_cross_matrix(np.broadcast_to(d3, (3,))), -1, -2)  # R (phi x d3) = -R [d3] phi
+    ends = np.einsum("e,g,ga,...egci->...ecai", steps, tableau.weights, value, lever, optimize=True)
+    size = 3 * (DEGREE * count + 1)
+    matrix, constraint, mass = np.zeros((*lead, size, size)), np.zeros((*lead, 3, size)), np.zeros((size, size))
+    local = 3 * (DEGREE + 1)
+    masses = np.einsum("e,g,ga,gb,ij->eaibj", steps, tableau.weights, value, value, np.eye(3)).reshape(count, local, local)
+    for e in range(count):
+        span = slice(3 * DEGREE * e, 3 * DEGREE * e + local)
+        matrix[..., span, span] += blocks[..., e, :, :, :, :].reshape(*lead, local, local)
+        constraint[..., span] += ends[..., e, :, :, :].reshape(*lead, 3, local)
+        mass[span, span] += masses[e]
+    return matrix, constraint, mass
+
+
+def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
+    """Return Q's matrix on an orthonormal (in the mass) basis of the allowed fields, that basis, and the load scale."""
+    matrix, constraint, mass = _assemble(rod)
+    size = mass.shape[0]
+    first, last = (3 if kind.start_orientation else 0), size - (3 if kind.end_orientation else 0)
+    matrix, constraint, mass = matrix[..., first:last, first:last], constraint[..., first:last], mass[first:last, first:last]
+    # with phi = L^-T u, mass = L L^T, the eigenvalues against the mass are ordinary ones
+    whiten = np.linalg.inv(np.linalg.cholesky(mass))
+    matrix = whiten @ matrix @ whiten.T
+    basis = np.broadcast_to(whiten.T, matrix.shape)
+    if kind.start_position and kind.end_position:
+        complement = np.linalg.qr(np.swapaxes(constraint @ whiten.T, -1, -2), mode="complete")[0][..., 3:]
+        matrix = np.swapaxes(complement, -1, -2) @ matrix @ complement
+        basis = basis @ complement
+    scale = 1.0 + np.max(np.linalg.norm(rod.force, axis=-1), axis=-1)
+    return matrix, basis, scale
+
+
+def stability(rod: Rod, kind: Kind) -> Stability:
+    """Return the stability of ``rod`` between ends of ``kind``.
+
+    Moments given at an end are taken as dead; their own (in space not conservative) contribution to Q is left out.
+    """
+    matrix, _, scale = _reduced(rod, kind)
+    values = np.linalg.eigvalsh(matrix)
+    return Stability(values[..., 0], np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
+
+
+def surely_stable(rod: Rod, kind: Kind) -> bool:
+    """Return whether all shapes of ``rod`` are stable, by Cholesky factors: a tenth of the time of eigenvalues."""
+    matrix, _, scale = _reduced(rod, kind)
+    shift = (NEUTRAL * scale)[..., None, None] * np.eye(matrix.shape[-1])
+    try:
+        np.linalg.cholesky(matrix + shift)
+    except np.linalg.LinAlgError:  # not positive definite: some shape has an unstable direction
+        return False
+    return True
+
+
+def lowest_mode(rod: Rod, kind: Kind) -> Array:
+    """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh, section frame."""
+    matrix, basis, _ = _reduced(rod, kind)
+    vector = np.linalg.eigh(matrix)[1][:, 0]
+    field = np.zeros(3 * (DEGREE * (len(rod.mesh) - 1) + 1))
+    first = 3 if kind.start_orientation else 0
+    field[first : first + len(basis)] = basis @ vector
+    return field.reshape(-1, 3)[::DEGREE]

@@ -1,0 +1,404 @@
+"""The rod by Gauss collocation on elements: a sparse nonlinear least-squares problem posed in CasADi.
+
+Unknowns are the quaternion and the moment at every node, the quaternion at every Gauss point (stage) of every
+element, and the one constant of the force. Moments and positions at the stages are quadratures of these, so arc length is
+exact and eq. (25) of Liu et al. is not needed; Gauss's method conserves |q|, so neither is eq. (10).
+
+One element is written symbolically and differentiated once; the mesh is a map of it, and everything that a user can
+change (stiffness, weight, mesh, clamps) is a parameter, so nothing is built twice for one kind of cable.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from .. import rod, rotations
+from ..boundary import Boundary, Kind
+from ..quadrature import gauss, integrals
+from ..rod import Section
+from ..rotations import Array
+from ..solvers.interface import LeastSquares
+
+NODE = 7  # unknowns of a node: quaternion and moment
+FORCE = 3  # the constant of the force
+START, CLOSURE, END = 4, 3, 3  # equations of the start, of the gap (or force), of the end
+
+
+class Buffered:
+    """A CasADi function that reads and writes NumPy arrays in place, without the copies of an ordinary call."""
+
+    def __init__(self, function: ca.Function):
+        self._buffer, self._evaluate = function.buffer()
+        self._arguments = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self._results = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        for i, array in enumerate(self._arguments):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(self._results):
+            self._buffer.set_res(i, memoryview(array))
+
+    def __call__(self, *arguments: Array) -> list[Array]:
+        """Evaluate at flat arrays (column-major); the results are overwritten by the next call."""
+        for array, value in zip(self._arguments, arguments, strict=True):
+            array[:] = value
+        self._evaluate()
+        return self._results
+
+
+def _element(stages: int, loaded: bool) -> ca.Function:
+    """Return one element: its unknowns and parameters -> (4 stages + 7 defects, chord (3,)).
+
+    The element's unknowns are [q, M, stages' q, next q, next M, F0]; parameters are the element's length and start,
+    the stiffness, the rest curvature and, where ``loaded``, the load per length.
+    """
+    tableau = gauss(stages)
+    z = ca.SX.sym("z", 2 * NODE + 4 * stages + FORCE)
+    h, s = ca.SX.sym("h"), ca.SX.sym("s")
+    stiffness, rest, load = (ca.SX.sym(name, 3) for name in ("stiffness", "rest", "load"))
+    q, moment, stacked, q_next, moment_next, force0 = ca.vertsplit(
+        z, np.cumsum([0, 4, 3, 4 * stages, 4, 3, FORCE]).tolist()
+    )
+    stage_q = ca.reshape(stacked, 4, stages)
+    frames = [rod.frame(stage_q[:, j]) for j in range(stages)]
+    tangents = ca.horzcat(*(frame[:, 2] for frame in frames))
+    forces = [force0 - (load * (s + float(c) * h) if loaded else 0) for c in tableau.nodes]
+    moment_rates = ca.horzcat(*(-ca.cross(tangents[:, j], forces[j]) for j in range(stages)))
+    moments = [moment + h * ca.mtimes(moment_rates, a) for a in tableau.matrix]
+    omegas = [rod.darboux(moments[j], frames[j], stiffness, rest) for j in range(stages)]
+    rates = ca.horzcat(*(rod.quaternion_rate(stage_q[:, j], omegas[j]) for j in range(stages)))
+    defects = [stage_q[:, j] - q - h * ca.mtimes(rates, tableau.matrix[j]) for j in range(stages)]
+    defects.append(q_next - q - h * ca.mtimes(rates, tableau.weights))
+    defects.append(moment_next - moment - h * ca.mtimes(moment_rates, tableau.weights))
+    chord = h * ca.mtimes(tangents, tableau.weights)
+    return ca.Function("element", [z, h, s, stiffness, rest, load], [ca.vertcat(*defects, chord)])
+
+
+@dataclass(frozen=True)
+class NodeStates:
+    """The state at the nodes of a mesh, dimensionless, world coordinates, the start of the cable at the origin.
+
+    Args:
+        mesh: arc lengths from 0 to 1, (n + 1,).
+        q, r, force, moment: (n + 1, 4) and (n + 1, 3).
+    """
+
+    mesh: Array
+    q: Array
+    r: Array
+    force: Array
+    moment: Array
+
+
+class Collocation:
+    """The transcription for one number of elements, of stages, and with or without a load; see the module.
+
+    Args:
+        elements: n.
+        stages: Gauss points an element; the order at the nodes is twice that.
+        loaded: False leaves the load integrals out.
+    """
+
+    def __init__(self, elements: int, stages: int, loaded: bool):
+        self.elements, self.stages, self.loaded = elements, stages, loaded
+        self._element = _element(stages, loaded)
+        z, *parameters = self._element.sx_in()
+        defects = self._element(z, *parameters)
+        linearised = ca.Function("linearised", [z, *parameters], [defects, ca.jacobian(defects, z)])
+        _, rest, load = parameters[2:]
+        rated = ca.Function("rated", [z, *parameters], [ca.jacobian(defects, ca.vertcat(rest, load))])
+        self._residual, self._linearised = self._mapped(self._element), self._mapped(linearised)
+        self._parameter_rates = self._mapped(rated)
+        self._element_pattern = linearised.sparsity_out(1)
+        self._rate_shape, self._rate_pattern = rated.size_out(0), rated.sparsity_out(0)
+        block = NODE + 4 * stages
+        within = np.concatenate([np.arange(block + NODE)])
+        self._gather = within[:, None] + block * np.arange(elements)
+        self.size = block * elements + NODE + FORCE
+        force = np.tile(np.arange(self.size - FORCE, self.size)[:, None], elements)
+        self._gather = np.concatenate([self._gather, force])
+
+    def _mapped(self, function: ca.Function) -> Buffered:
+        shared = list(range(3, function.n_in()))  # stiffness, rest curvature and load are one for all elements
+        return Buffered(function.map("mapped", "serial", self.elements, shared, []))
+
+    def bind(self, section: Section, load: Array, boundary: Boundary, mesh: Array) -> BoundCollocation:
+        """Return the equations of one cable between two ends on ``mesh`` (n + 1,)."""
+        return BoundCollocation(self, section, np.asarray(load, dtype=float), boundary, mesh)
+
+
+@functools.lru_cache(maxsize=32)
+def collocation(elements: int, stages: int, loaded: bool) -> Collocation:
+    """Return the transcription, built once per process for each kind."""
+    return Collocation(elements, stages, loaded)
+
+
+@functools.lru_cache(maxsize=128)
+def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Array, Array, Array]:
+    """Return (permutation, indices, indptr): from element entries and boundary entries to the CSC Jacobian."""
+    transcription = collocation(elements, stages, loaded)
+    rows_e, columns_e = (np.array(x) for x in transcription._element_pattern.get_triplet())
+    count = 4 * stages + NODE
+    closure = START + elements * count
+    rows, columns = [], []
+    for e in range(elements):
+        inner = rows_e < count
+        rows.append(np.where(inner, START + e * count + rows_e, closure + rows_e - count))
+        columns.append(transcription._gather[columns_e, e])
+    if not (kind.start_position and kind.end_position):  # no closure: the chords stay out of the equations
+        rows = [np.where(r >= closure, -1, r) for r in rows]
+    node, force = (NODE + 4 * stages) * elements, transcription.size - FORCE
+    end = closure + CLOSURE
+    if kind.start_orientation:
+        rows.append(np.arange(4))
+        columns.append(np.arange(4))
+    else:
+        rows.append(np.array([0, 0, 0, 0, 1, 2, 3]))
+        columns.append(np.arange(NODE))
+    if not (kind.start_position and kind.end_position):
+        rows.append(closure + np.arange(3))
+        columns.append(force + np.arange(3))
+    if kind.end_orientation:
+        rows.append(np.repeat(end + np.arange(3), 4))
+        columns.append(np.tile(node + np.arange(4), 3))
+    else:
+        rows.append(end + np.arange(3))
+        columns.append(node + 4 + np.arange(3))
+    row, column = np.concatenate(rows), np.concatenate(columns)
+    used = np.flatnonzero(row >= 0)
+    order = used[np.lexsort((row[used], column[used]))]
+    indptr = np.searchsorted(column[order], np.arange(transcription.size + 1))
+    return order, row[order].astype(np.int32), indptr.astype(np.int32)
+
+
+def _relative(boundary: Boundary) -> Array:
+    """Return the matrix (3, 4) that takes q to the vector part of conj(q_end) q."""
+    a, b, c, d = boundary.end_quaternion
+    return np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
+
+
+def stations(mesh: Array, stages: int) -> Array:
+    """Return the arc lengths of all quaternions in x: each node, then its element's stages; (n (stages + 1) + 1,)."""
+    inner = mesh[:-1, None] + np.diff(mesh)[:, None] * np.concatenate([[0.0], gauss(stages).nodes])
+    return np.concatenate([inner.ravel(), mesh[-1:]])
+
+
+def pack(q: Array, moment: Array, force: Array, stages: int) -> Array:
+    """Return x (..., m) from quaternions (..., S, 4) and moments (..., S, 3) at the S :func:`stations`, and the force
+    at 0 (..., 3)."""
+    lead = q.shape[:-2]
+    inner = q[..., :-1, :].reshape(*lead, -1, stages + 1, 4)
+    blocks = np.concatenate(
+        [
+            inner[..., 0, :],
+            moment[..., :-1, :].reshape(*lead, -1, stages + 1, 3)[..., 0, :],
+            inner[..., 1:, :].reshape(*inner.shape[:-2], 4 * stages),
+        ],
+        axis=-1,
+    )
+    return np.concatenate([blocks.reshape(*lead, -1), q[..., -1, :], moment[..., -1, :], force], axis=-1)
+
+
+class BoundCollocation:
+    """The equations of one cable between two ends: residual, Jacobian, parameter rates, and the way in and out.
+
+    Args:
+        transcription: the kind of equations.
+        section, load, boundary: the cable and its ends, dimensionless.
+        mesh: nodes from 0 to 1, (n + 1,).
+    """
+
+    def __init__(self, transcription: Collocation, section: Section, load: Array, boundary: Boundary, mesh: Array):
+        self.transcription, self.boundary, self.mesh = transcription, boundary, mesh
+        self.section, self.load = section, load
+        steps = np.diff(mesh)
+        self._parameters = (steps, mesh[:-1], section.stiffness, section.rest_curvature, load)
+        n, s = transcription.elements, transcription.stages
+        self._pattern = _pattern(n, s, transcription.loaded, boundary.kind)
+        self._node = (NODE + 4 * s) * n
+
+    # -- residual and derivatives ------------------------------------------------------------------------------
+
+    def _assemble(self, x: Array, defects: Array) -> Array:
+        count = 4 * self.transcription.stages + NODE
+        table = defects.reshape(self.transcription.elements, count + 3)
+        b, node = self.boundary, self._node
+        if b.kind.start_orientation:
+            start = x[:4] - b.start_quaternion
+        else:
+            start = np.concatenate([[x[:4] @ x[:4] - 1.0], x[4:7] + b.start_moment])
+        if b.kind.start_position and b.kind.end_position:
+            closure = table[:, count:].sum(axis=0) - b.gap
+        elif b.kind.start_position:
+            closure = x[-3:] - self.load - b.end_force
+        else:
+            closure = x[-3:] + b.start_force
+        end = _relative(b) @ x[node : node + 4] if b.kind.end_orientation else x[node + 4 : node + 7] - b.end_moment
+        return np.concatenate([start, table[:, :count].ravel(), closure, end])
+
+    def residual(self, x: Array) -> Array:
+        """Return R(x) (m,), m = n."""
+        t = self.transcription
+        return self._assemble(x, t._residual(x[t._gather].T.ravel(), *self._parameters)[0])
+
+    def linearise(self, x: Array) -> tuple[Array, sp.csc_array]:
+        """Return R(x) and its Jacobian."""
+        t, b = self.transcription, self.boundary
+        defects, entries = t._linearised(x[t._gather].T.ravel(), *self._parameters)
+        boundary_entries = [np.ones(4) if b.kind.start_orientation else np.concatenate([2 * x[:4], np.ones(3)])]
+        if not (b.kind.start_position and b.kind.end_position):
+            boundary_entries.append(np.ones(3))
+        boundary_entries.append(_relative(b).ravel() if b.kind.end_orientation else np.ones(3))
+        order, indices, indptr = self._pattern
+        data = np.concatenate([entries, *boundary_entries])[order]
+        return self._assemble(x, defects), sp.csc_array((data, indices, indptr), shape=(t.size, t.size))
+
+    def symbolic(self) -> tuple[ca.SX, ca.SX]:
+        """Return (x, R(x)) as CasADi expressions, for solvers that differentiate themselves."""
+        t, b = self.transcription, self.boundary
+        x = ca.SX.sym("x", t.size)
+        steps, starts, *shared = self._parameters
+        parts = [
+            t._element(x[t._gather[:, e].tolist()], steps[e], starts[e], *shared) for e in range(t.elements)
+        ]
+        count, node = 4 * t.stages + NODE, self._node
+        start = x[:4] - b.start_quaternion
+        if not b.kind.start_orientation:
+            start = ca.vertcat(ca.sumsqr(x[:4]) - 1, x[4:7] + b.start_moment)
+        closure = sum(part[count:] for part in parts) - b.gap
+        if not b.kind.end_position:
+            closure = x[-3:] - self.load - b.end_force
+        elif not b.kind.start_position:
+            closure = x[-3:] + b.start_force
+        end = x[node + 4 : node + 7] - b.end_moment
+        if b.kind.end_orientation:
+            end = ca.mtimes(_relative(b), x[node : node + 4])
+        return x, ca.vertcat(start, *(part[:count] for part in parts), closure, end)
+
+    def least_squares(self) -> LeastSquares:
+        """Return the problem as a solver takes it."""
+        return LeastSquares(self.residual, self.linearise, self.symbolic)
+
+    # -- in and out --------------------------------------------------------------------------------------------
+
+    def unpack(self, x: Array) -> NodeStates:
+        """Return the states at the nodes; the centreline is the integral (17) by the elements' own quadrature."""
+        n, s = self.transcription.elements, self.transcription.stages
+        blocks = x[: self._node].reshape(n, NODE + 4 * s)
+        steps = np.diff(self.mesh)
+        tangents = rotations.tangent(blocks[:, 7:].reshape(n, s, 4))
+        chords = steps[:, None] * np.einsum("j,ejc->ec", gauss(s).weights, tangents)
+        q = np.vstack([blocks[:, :4], x[self._node : self._node + 4]])
+        moment = np.vstack([blocks[:, 4:7], x[self._node + 4 : self._node + 7]])
+        r = np.vstack([np.zeros(3), np.cumsum(chords, axis=0)])
+        force = x[-3:] - self.mesh[:, None] * self.load
+        return NodeStates(self.mesh, q, r, force, moment)
+
+    # -- sensitivities -----------------------------------------------------------------------------------------
+
+    def rates(
+        self,
+        x: Array,
+        *,
+        gap: Array,
+        start_turn: Array,
+        end_turn: Array,
+        rest: Array,
+        load: Array,
+        loads: dict[str, Array] | None = None,
+    ) -> Array:
+        """Return dR (m, k) for k simultaneous changes of the parameters, at fixed x.
+
+        Args:
+            gap: change of the end's position relative to the start, (3, k).
+            start_turn, end_turn: small rotations of the clamps about their own axes, (3, k), rad.
+            rest, load: changes of the dimensionless rest curvature and load, (3, k).
+            loads: changes of applied loads by their names in :class:`Boundary`, (3, k) each.
+        """
+        t, b = self.transcription, self.boundary
+        count, k = 4 * t.stages + NODE, gap.shape[1]
+        out = np.zeros((t.size, k))
+        if np.any(rest) or np.any(load):
+            entries = t._parameter_rates(x[t._gather].T.ravel(), *self._parameters)[0]
+            rows, columns = (np.array(v) for v in t._rate_pattern.get_triplet())
+            table = np.zeros((t.elements, *t._rate_shape))
+            table[:, rows, columns] = entries.reshape(t.elements, -1)
+            changed = table @ np.vstack([rest, load])
+            out[START : START + t.elements * count] = changed[:, :count].reshape(-1, k)
+        closure, end = START + t.elements * count, START + t.elements * count + CLOSURE
+        applied = {name: np.zeros((3, k)) for name in ("start_force", "end_force", "start_moment", "end_moment")}
+        applied.update(loads or {})
+        if b.kind.start_orientation:
+            turned = rotations.multiply(b.start_quaternion, np.pad(start_turn.T, ((0, 0), (1, 0))))
+            out[:4] = -0.5 * turned.T
+        else:
+            out[1:4] = applied["start_moment"]
+        if b.kind.start_position and b.kind.end_position:
+            out[closure : closure + 3] = -gap
+        elif b.kind.start_position:
+            out[closure : closure + 3] = -load - applied["end_force"]
+        else:
+            out[closure : closure + 3] = applied["start_force"]
+        if b.kind.end_orientation:
+            relative = rotations.multiply(rotations.conjugate(b.end_quaternion), x[self._node : self._node + 4])
+            out[end:] = -0.5 * rotations.multiply(np.pad(end_turn.T, ((0, 0), (1, 0))), relative).T[1:]
+        else:
+            out[end:] = -applied["end_moment"]
+        return out
+
+    def moment_rates(self, dx: Array) -> Array:
+        """Return the moments' rates at the nodes (n + 1, 3, k) from those of the unknowns ``dx`` (m, k)."""
+        n, k = self.transcription.elements, dx.shape[1]
+        blocks = dx[: self._node].reshape(n, -1, k)
+        return np.concatenate([blocks[:, 4:NODE], dx[None, self._node + 4 : self._node + NODE]])
+
+    def centreline_rates(self, x: Array, dx: Array) -> tuple[Array, Array, Any]:
+        """Return (positions (S, 3), their rates (S, 3, k), quaternions' rates (S, 4, k)) at :func:`stations`.
+
+        Args:
+            x: unknowns.
+            dx: their rates, (n, k).
+
+        Positions are relative to the start of the cable.
+        """
+        n, s, k = self.transcription.elements, self.transcription.stages, dx.shape[1]
+        block = NODE + 4 * s
+        steps = np.diff(self.mesh)
+        stage_q = x[: self._node].reshape(n, block)[:, 7:].reshape(n, s, 4)
+        stage_dq = dx[: self._node].reshape(n, block, k)[:, 7:].reshape(n, s, 4, k)
+        tangents, rates = rotations.tangent(stage_q), _tangent_rates(stage_q, stage_dq)
+        nodes = gauss(s).nodes
+        matrix = integrals(nodes, np.concatenate([nodes, [1.0]]))
+        inner = steps[:, None, None] * np.einsum("ij,ejc->eic", matrix, tangents)
+        inner_rates = steps[:, None, None, None] * np.einsum("ij,ejck->eick", matrix, rates)
+        return (
+            _accumulate(inner),
+            _accumulate(inner_rates),
+            np.concatenate(
+                [
+                    np.concatenate([dx[: self._node].reshape(n, block, k)[:, None, :4], stage_dq], axis=1).reshape(-1, 4, k),
+                    dx[None, self._node : self._node + 4],
+                ]
+            ),
+        )
+
+
+def _tangent_rates(q: Array, dq: Array) -> Array:
+    """Return d(d3) (..., 3, k) for quaternions (..., 4) and their rates (..., 4, k)."""
+    a, b, c, d = (q[..., i, None] for i in range(4))
+    da, db, dc, dd = (dq[..., i, :] for i in range(4))
+    return 2.0 * np.stack(
+        [b * dd + d * db + a * dc + c * da, c * dd + d * dc - a * db - b * da, a * da - b * db - c * dc + d * dd], axis=-2
+    )
+
+
+def _accumulate(inner: Array) -> Array:
+    """Turn integrals from each element's start (n, s + 1, ...) into integrals from 0 at every station."""
+    ends = np.concatenate([np.zeros((1, *inner.shape[2:])), np.cumsum(inner[:, -1], axis=0)])
+    stages = ends[:-1, None] + inner[:, :-1]
+    nodes_and_stages = np.concatenate([ends[:-1, None], stages], axis=1)
+    return np.concatenate([nodes_and_stages.reshape(-1, *inner.shape[2:]), ends[-1:]])

@@ -1,0 +1,112 @@
+"""Makes the meshes of the shipped problems: run it again after changing a shape here.
+
+    python scripts/make_meshes.py
+
+Needs the extra ``dev`` (manifold3d does the cutting). Coordinates are those of the body each part belongs to, in
+millimetres, and every mesh is closed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from trimesh import Trimesh
+from trimesh.creation import box, capsule, cylinder
+from trimesh.transformations import rotation_matrix, translation_matrix
+
+PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
+
+
+def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> Trimesh:
+    """Return the box between two corners, mm."""
+    return box(bounds=np.array([low, high], dtype=float))
+
+
+def rod(radius: float, start: tuple[float, float, float], end: tuple[float, float, float]) -> Trimesh:
+    """Return a round bar between two points, mm."""
+    return cylinder(radius=radius, segment=np.array([start, end], dtype=float), sections=48)
+
+
+def union(*parts: Trimesh) -> Trimesh:
+    """Return parts grown together."""
+    return trimesh.boolean.union(parts, engine="manifold")
+
+
+def cut(body: Trimesh, *tools: Trimesh) -> Trimesh:
+    """Return ``body`` with ``tools`` taken away."""
+    return trimesh.boolean.difference([body, *tools], engine="manifold")
+
+
+def lift_arm() -> dict[str, Trimesh]:
+    """Return a housing with a hinge bracket on its front edge, and the arm that it carries (hinge at x 50, z 100)."""
+    shell = block((-70, -45, 0), (50, 45, 92))
+    window = block((-55, -46, 15), (30, 46, 70))
+    vents = [block((-71, y, 20), (-60, y + 6, 75)) for y in (-30, -12, 6, 24)]
+    ears = [
+        union(block((30, y, 88), (62, y + 8, 104)), rod(13, (50, y, 104), (50, y + 8, 104))) for y in (-26.0, 18.0)
+    ]
+    stop = block((22, -18, 88), (34, 18, 151))
+    arm = union(
+        rod(11, (50, -17, 104), (50, 17, 104)),
+        block((50, -14, 97), (290, 14, 111)),
+        cylinder(radius=26, height=20, transform=translation_matrix((290, 0, 104)), sections=64),
+    )
+    arm = cut(arm, cylinder(radius=12, height=40, transform=translation_matrix((290, 0, 104)), sections=48))
+    return {
+        "housing": cut(shell, window, *vents),
+        "bracket": union(stop, *ears),
+        "arm": arm,
+    }
+
+
+def door() -> dict[str, Trimesh]:
+    """Return a cabinet's frame at the hinge, the door leaf, and a latch box on the frame (hinge line x 0, y 0)."""
+    post = cut(block((-60, -40, -200), (-4, 60, 200)), block((-48, -28, -201), (-16, 48, 201)))
+    knuckles = union(*(rod(7, (0, 0, z - 25), (0, 0, z + 25)) for z in (-150.0, 150.0)))
+    leaf = cut(
+        block((6, -12, -200), (300, 12, 200)),
+        block((40, -13, -150), (260, 6, 150)),
+    )
+    latch = union(block((-4, 12, -30), (14, 46, 30)), rod(6, (5, 29, -45), (5, 29, 45)))
+    return {"frame": union(post, knuckles), "leaf": leaf, "latch": latch}
+
+
+def drawer() -> dict[str, Trimesh]:
+    """Return a cabinet with an open front and the drawer that slides out of it along x."""
+    cabinet = cut(block((-320, -170, 0), (0, 170, 190)), block((-308, -158, 12), (1, 158, 178)))
+    tray = cut(block((-290, -150, 100), (0, 150, 160)), block((-280, -140, 106), (-10, 140, 161)))
+    handle = union(block((0, -150, 92), (12, 150, 165)), rod(6, (30, -50, 130), (30, 50, 130)))
+    posts = [rod(5, (5, y, 130), (30, y, 130)) for y in (-45.0, 45.0)]
+    return {"cabinet": cabinet, "tray": union(tray, handle, *posts)}
+
+
+def camera_pan() -> dict[str, Trimesh]:
+    """Return the mast with its collar, and the camera head that pans about z above it."""
+    mast = union(rod(22, (0, 0, -120), (0, 0, 0)), block((-45, -45, -130), (45, 45, -112)))
+    collar = cut(rod(34, (0, 0, -12), (0, 0, 0)), rod(8, (0, 0, -13), (0, 0, 1)))
+    yoke = union(
+        block((-40, -55, 118), (40, 55, 126)),
+        block((-20, -55, 118), (20, -47, 190)),
+        block((-20, 47, 118), (20, 55, 190)),
+    )
+    lens = rod(20, (-35, 0, 165), (60, 0, 165))
+    hood = rod(26, (48, 0, 165), (70, 0, 165))
+    bearing = rod(7, (0, 0, 0), (0, 0, 120))
+    return {"mast": union(mast, collar), "head": union(yoke, bearing), "camera": union(block((-45, -30, 140), (20, 30, 190)), lens, hood)}
+
+
+def main() -> None:
+    """Write all meshes."""
+    for name, make in (("lift_arm", lift_arm), ("door", door), ("drawer", drawer), ("camera_pan", camera_pan)):
+        folder = PROBLEMS / name / "meshes"
+        folder.mkdir(parents=True, exist_ok=True)
+        for part, mesh in make().items():
+            if not mesh.is_watertight:
+                raise SystemExit(f"{name}/{part}: the mesh is not closed")
+            mesh.export(folder / f"{part}.stl")
+
+
+if __name__ == "__main__":
+    main()
