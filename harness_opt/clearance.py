@@ -261,6 +261,8 @@ def measure(
         options: how hard to look.
     """
     motion = np.atleast_1d(np.asarray(motion, dtype=float))
+    if not len(motion):
+        return ClearanceResult(motion, (), ("clearance: no frame was solved",))
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
     pairs: list[PairClearance] = []
     left_out: list[str] = []
@@ -460,8 +462,10 @@ def _ask_stations(samples: _Samples, arcs: Array, lower: Array, horizon: float) 
 
 
 def _polish(samples: _Samples, arcs: Array, lower: Array, index: Indices, horizon: float) -> Indices:
-    """Return the numbers of the smallest sample of each frame and of the local minima below ``horizon``, each
-    improved between its station and the next one downhill by three steps of the secant rule on the slope."""
+    """Return the numbers of the smallest sample of each frame and of the local minima below ``horizon``.
+
+    Each is improved between its station and the next one downhill, by three secant steps on the slope.
+    """
     frame, j = _local_minima(np.where(index < 0, np.inf, lower), horizon)
     start = index[frame, j]
     slope = samples.slopes(samples.all().take(start))
@@ -634,10 +638,11 @@ def _to_cable(task: _Task, curves: _CurvePair) -> _Found:
 def _shrink(curves: _CurvePair, frame: Indices, s: Array, t: Array) -> tuple[Array, Array, Array]:
     """Return arc lengths (k,), (k,) and clearances (k,) of the nearest points round (s, t).
 
-    They are found again on chords so short that these serve as curves: the sag falls with their length squared.
+    They are found again on chords so short that these serve as curves: the sag falls with the square of their
+    length.
     """
     best = np.full(len(s), np.inf)
-    for part in (1 / 8, 1 / 64):
+    for part in (1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32):
         h, g = (part * np.max(np.diff(curve.s)) for curve in (curves.one, curves.other))
         ends = (curves.one.s[-1], curves.other.s[-1])
         cell = np.column_stack([np.maximum(s - h, 0), np.minimum(s + h, ends[0])])

@@ -33,6 +33,7 @@ RESIDUAL = 1e-11  # of the scaled equations
 STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
 NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
 SMALLEST_STEP = 2.0**-12  # of a path step
+COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
 CALM = 3  # corrector iterations up to which the next step may double
 
 
@@ -216,6 +217,11 @@ def follow(path: Callable[[float], Case], start: Solved, first: float, last: flo
             continue
         previous = target - at
         here, before, at = solved, here, target
+        if error_estimate(here)[0] > COARSE:  # an under-resolved path leads to shapes that the cable does not have
+            here, _, status = refine(here, 0.1 * COARSE, solver)
+            before = None
+            if not status.ok:
+                break
         if solved.solution.iterations <= CALM:
             length *= 2.0
     return here, at

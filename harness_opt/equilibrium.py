@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from . import rod as rod_module
 from . import rotations
 from .boundary import Case, case
-from .continuation import ELEMENTS, SOLVERS, STAGES, Solved, follow, refine, resample, solve_on
+from .continuation import ELEMENTS, SOLVERS, STAGES, Solved, error_estimate, follow, refine, resample, solve_on
 from .errors import ProblemError, SolveError, Status
 from .problem import Cable, End
 from .rod import Section, Units
@@ -29,7 +29,8 @@ from .transcriptions.collocation import stations as collocation_stations
 
 TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
 STATIONS = 101
-NUDGE = 0.05  # rad, to leave a saddle of the energy along its unstable direction
+NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
+RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
 DESCENTS = 4  # descents from one unstable shape before it is returned as unstable
 
 
@@ -126,9 +127,13 @@ def _relaxed(case: Case, q: Array, r: Array, solver: str) -> Solved | None:
         return None
     still = dataclasses.replace(case.boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
     without_moments = dataclasses.replace(case, boundary=still)
-    mesh = np.linspace(0.0, 1.0, ELEMENTS[0] + 1)
-    solved = solve_on(without_moments, mesh, _from_chain(without_moments, state, mesh), solver)
-    if not solved.ok or solved.turned:
+    first = ELEMENTS[0]
+    for elements, method in ((first, solver), (2 * first, solver), (2 * first, "levenberg-marquardt"), (4 * first, solver)):
+        mesh = np.linspace(0.0, 1.0, elements + 1)
+        solved = solve_on(without_moments, mesh, _from_chain(without_moments, state, mesh), method)
+        if solved.ok and not solved.turned and error_estimate(solved)[0] < RESOLVED:
+            break
+    else:
         return None
     if np.any(case.boundary.start_moment) or np.any(case.boundary.end_moment):
         solved, reached = follow(lambda t: without_moments.blend(case, t), solved, 0.0, 1.0, solver)
@@ -137,17 +142,27 @@ def _relaxed(case: Case, q: Array, r: Array, solver: str) -> Solved | None:
     return solved
 
 
-def descend(case: Case, rod: Rod, direction: Array, solver: str) -> Solved | None:
-    """Let the cable go from ``rod``, nudged along ``direction`` (n + 1, 3), to where its energy is least nearby.
+def let_go(case: Case, rod: Rod, solver: str) -> Solved | None:
+    """Let the cable go from ``rod`` to where its energy is least nearby; None where it lands nowhere.
 
-    ``case`` may differ from what ``rod`` was solved for: after a fold the old shape does not exist any more.
+    ``case`` may differ from what ``rod`` was solved for: after a fold the old shape does not exist any more. The shape is
+    nudged along its weakest direction, harder where the coarse chain still holds a minimum that the cable itself
+    has lost.
     """
+    direction = lowest_mode(rod, case.boundary.kind)
+    for nudge in NUDGES:
+        for sign in (1.0, -1.0):
+            landed = _descend(case, rod, sign * nudge * direction, solver)
+            if landed is not None:
+                return landed
+    return None
+
+
+def _descend(case: Case, rod: Rod, field: Array, solver: str) -> Solved | None:
+    """Relax ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None where that fails."""
     nodes = np.linspace(0.0, 1.0, chain.SEGMENTS + 1)
     samples = rod.sample(nodes)
-    field = np.stack([np.interp(nodes, rod.mesh, direction[:, i]) for i in range(3)], axis=1)
-    largest = np.max(np.linalg.norm(field, axis=1))
-    if largest > 0:
-        field = field * (NUDGE / largest)
+    field = np.stack([np.interp(nodes, rod.mesh, field[:, i]) for i in range(3)], axis=1)
     q = rotations.multiply(samples.q, rotations.from_rotation_vector(field))
     return _relaxed(case, q, samples.r, solver)
 
@@ -156,13 +171,9 @@ def stabilise(solved: Solved, solver: str) -> Solved:
     """Descend from an unstable shape until a stable one is reached; returns ``solved`` itself where none is found."""
     kind, here = solved.case.boundary.kind, solved
     for _ in range(DESCENTS):
-        answer = stability(here.rod, kind)
-        if bool(answer.stable):
+        if bool(stability(here.rod, kind).stable):
             return here
-        direction = lowest_mode(here.rod, kind)
-        lower = None
-        for sign in (1.0, -1.0):
-            lower = lower or descend(solved.case, here.rod, sign * direction, solver)
+        lower = let_go(solved.case, here.rod, solver)
         if lower is None:
             return solved
         here = lower

@@ -18,7 +18,7 @@ class Status(enum.Enum):
     WRONG_TURNS = "the solver slipped to another number of whole turns of twist"
     NO_START = "no starting shape was found that joins the two ends"
     STEP_TOO_SMALL = "the motion could not be followed: the step became too small"
-    NOT_STARTED = "no solve was tried"
+    INTERRUPTED = "the run was interrupted"
 
     @property
     def ok(self) -> bool:

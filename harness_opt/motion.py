@@ -17,9 +17,11 @@ from . import rod as rod_module
 from . import rotations
 from .boundary import Case, case
 from .continuation import (
+    COARSE,
     ELEMENTS,
     SOLVERS,
     Solved,
+    error_estimate,
     error_from_defects,
     follow,
     refined_mesh,
@@ -27,14 +29,15 @@ from .continuation import (
     solve_on,
     step,
 )
-from .equilibrium import STATIONS, check_method, cold_start, descend, stabilise
+from .equilibrium import STATIONS, check_method, cold_start, let_go, stabilise
 from .errors import ProblemError, SolveError, Status
 from .problem import End, Problem
 from .results import CableMotion, Motion, Snap
 from .rod import Units
 from .rotations import Array
 from .shape import Rod
-from .stability import Stability, lowest_mode, stability, surely_stable
+from .stability import Stability, stability, surely_stable
+from .threads import one_thread
 
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
@@ -157,7 +160,7 @@ class _Follower:
         k = len(self.frames)
         here = self.frames[-1]
         target = self.case_at(self.kind_ends[k], here.case)
-        if guess is not None and guess.bound.mesh.shape == here.bound.mesh.shape:
+        if guess is not None and np.array_equal(guess.bound.mesh, here.bound.mesh):
             warm = step(target, guess, None, 0.0, self.solver)
             if warm is not None:
                 return warm
@@ -179,19 +182,25 @@ class _Follower:
         """Let the cable go at the frame now due, from the last shape ``lost``; None where it lands nowhere."""
         k = len(self.frames)
         target = self.case_at(self.kind_ends[k], lost.case)
-        direction = lowest_mode(lost.rod, target.boundary.kind)
-        for sign in (1.0, -1.0):
-            landed = descend(target, lost.rod, sign * direction, self.solver)
-            if landed is None:
-                continue
-            landed = stabilise(landed, self.solver)
-            if landed.bound.mesh.shape != lost.bound.mesh.shape:
-                landed = solve_on(target, lost.bound.mesh, resample(landed.rod, lost.bound.mesh), self.solver)
-            if landed.ok and not landed.turned:
-                if not (k == 1 and self.swing_start(landed)):
-                    self.snaps.append((k, float(self.motion[k])))
-                return landed
-        return None
+        landed = let_go(target, lost.rod, self.solver)
+        if landed is None:
+            return None
+        landed = stabilise(landed, self.solver)
+        if not (k == 1 and self.swing_start(landed)):
+            self.snaps.append((k, float(self.motion[k])))
+        return landed
+
+    def append(self, solved: Solved) -> None:
+        """Add a frame; all frames are on one mesh, so one that needed a finer mesh takes the others along."""
+        mesh = solved.bound.mesh
+        if self.frames and not np.array_equal(mesh, self.frames[-1].bound.mesh):
+            old = self.frames[-1].bound.mesh
+            again = solve_on(solved.case, old, resample(solved.rod, old), self.solver)
+            if again.ok and not again.turned and error_estimate(again)[0] < COARSE:
+                solved = again
+            else:
+                self.frames = [solve_on(f.case, mesh, resample(f.rod, mesh), self.solver) for f in self.frames]
+        self.frames.append(solved)
 
     def swing_start(self, landed: Solved) -> bool:
         """Replace a first frame that may turn freely by the member of its family that leads to ``landed``.
@@ -208,7 +217,8 @@ class _Follower:
         energy = float(first.rod.energy())
         if reached != self.motion[0] or abs(float(swung.rod.energy()) - energy) > SAME_ENERGY * (1.0 + abs(energy)):
             return False
-        self.frames[0] = swung
+        self.frames = []
+        self.append(swung)
         return True
 
     def run_all(self, guesses: Sequence[Solved] | None) -> tuple[Status, str]:
@@ -224,7 +234,7 @@ class _Follower:
                 solved = self.advance(guess(len(self.frames))) or self.snap(self.frames[-1])
                 if solved is None:
                     return Status.STEP_TOO_SMALL, self.failure(len(self.frames), "the shape was lost and none found again")
-                self.frames.append(solved)
+                self.append(solved)
                 if self.progress:
                     self.progress(self.name, len(self.frames), total)
             rods, kind = batch(self.frames[checked:]), first.case.boundary.kind
@@ -234,10 +244,11 @@ class _Follower:
                 k = checked + int(lost[0])
                 unstable = self.frames[k]
                 del self.frames[k:]
+                self.snaps = [(f, at) for f, at in self.snaps if f < k]
                 landed = self.snap(unstable)
                 if landed is None:
                     return Status.STEP_TOO_SMALL, self.failure(k, "the shape became unstable and no stable one was found")
-                self.frames.append(landed)
+                self.append(landed)
                 checked = k
                 continue
             checked = len(self.frames)
@@ -278,7 +289,10 @@ def sweep(
         progress: called with the cable's name, frames done, frames in all.
     """
     follower = _Follower(problem, name, motion, solver, progress)
-    status, message = follower.run_all(guesses)
+    try:
+        status, message = follower.run_all(guesses)
+    except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
+        status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
     frames = follower.frames
     units = rod_module.scale(follower.run.cable)[1]
     if not frames:
@@ -362,6 +376,7 @@ def left_out(problem: Problem) -> tuple[str, ...]:
     return tuple(words)
 
 
+@one_thread
 def simulate(
     problem: Problem,
     *,
@@ -391,12 +406,13 @@ def simulate(
     check_method(transcription, solver)
     begin = time.perf_counter()
     motion = place_frames(problem, spatial_step)
-    sweeps = {
-        name: sweep(
+    sweeps: dict[str, Sweep] = {}
+    for name in problem.cables:
+        sweeps[name] = sweep(
             problem, name, motion, tolerance=tolerance, solver=solver, elements=elements, progress=progress
         )
-        for name in problem.cables
-    }
+        if sweeps[name].status is Status.INTERRUPTED:
+            break
     result = collect(problem, motion, sweeps, time.perf_counter() - begin)
     if throw and not result.ok:
         raise SolveError(result.message, result.status, result)
@@ -404,11 +420,11 @@ def simulate(
 
 
 def collect(problem: Problem, motion: Array, sweeps: Mapping[str, Sweep], seconds: float) -> Motion:
-    """Return the motion that ``sweeps`` hold, cut to the frames that every cable has."""
-    frames = min(len(swept.frames) for swept in sweeps.values())
+    """Return the motion that ``sweeps`` hold, cut to the frames that all cables with any frame have."""
+    frames = min((len(swept.frames) for swept in sweeps.values() if swept.frames), default=0)
     cables = {}
     for name, swept in sweeps.items():
-        if frames:
+        if swept.frames:
             kept = dataclasses.replace(
                 swept,
                 frames=swept.frames[:frames],

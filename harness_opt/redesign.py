@@ -27,6 +27,7 @@ from .results import LimitResult, Motion
 from .rotations import Array
 from .scene import Scene, load_scene
 from .sensitivity import ShapeRates, shape_rates
+from .threads import one_thread
 
 ITERATIONS = 60
 TRUST = 0.25  # first trust region, in the bounds' ranges
@@ -41,7 +42,7 @@ ROWS = 400  # most linearised limits in a quadratic program, the tightest first
 GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it
 HELD = 0.5 * GUARD  # a violation of what is asked for that leaves the limit itself held
 VERIFICATIONS = 4
-STARTS = 8  # other designs looked at where the first start stalls
+STARTS = 8  # other designs looked at where the first start stalls, and as many for each variable
 RESTARTS = 3  # of which the best are iterated from
 SNAP_COST = 1.0  # of a snap in the merit, in scales of a limit: snaps are not for designing with
 
@@ -185,12 +186,14 @@ class _Loop:
             sweeps = {
                 name: sweep(
                     changed, name, frames, solver=self.solver, margins=False,
-                    guesses=near.sweeps[name].frames[::stride] if near else None,
+                    guesses=near.sweeps[name].frames[::stride] if near else None, progress=self.progress,
                 )
                 for name in changed.cables
             }  # fmt: skip
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
+        if any(swept.status is Status.INTERRUPTED for swept in sweeps.values()):
+            raise KeyboardInterrupt
         if not all(swept.status.ok for swept in sweeps.values()):
             return None
         motion = collect(changed, frames, sweeps, 0.0)
@@ -324,7 +327,7 @@ class _Loop:
 
         sampler = qmc.Halton(len(self.range), scramble=False)
         sampler.fast_forward(1)  # its first point is a corner
-        starts = self.lower + sampler.random(STARTS) * self.range
+        starts = self.lower + sampler.random(STARTS * (1 + len(self.range))) * self.range
         looks = [(start, self.evaluate(start, design, stride=LOOK_STRIDE)) for start in starts]
         found = sorted(((look.violation, i) for i, (_, look) in enumerate(looks) if look is not None))
         for _, i in found[:RESTARTS]:
@@ -411,6 +414,7 @@ def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) ->
     return (*clearances.limits, *cable_limits(problem, motion))
 
 
+@one_thread
 def redesign(
     problem: Problem,
     *,

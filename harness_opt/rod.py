@@ -86,7 +86,7 @@ def darboux(moment: ca.SX, section_frame: ca.SX, stiffness: ca.SX, rest_curvatur
 
 def _cauchy_cross(a: list[Array], b: list[Array]) -> Array:
     """Return the coefficient of order len(a) - 1 of the product series a x b."""
-    return np.sum(np.cross(np.stack(a), np.stack(b[::-1])), axis=0)
+    return np.sum(rotations.cross(np.stack(a), np.stack(b[::-1])), axis=0)
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def series(
         )
         omega = np.stack(omegas[::-1])
         scalar = -np.sum(left[..., 1:] * omega, axis=(0, -1))[..., None]
-        vector = np.sum(left[..., :1] * omega + np.cross(left[..., 1:], omega), axis=0)
+        vector = np.sum(left[..., :1] * omega + rotations.cross(left[..., 1:], omega), axis=0)
         force_rate = _cauchy_cross(forces, omegas)
         if not weightless:
             # R^T f from the same products of quaternion coefficients as d3, with the transposed matrix
@@ -151,7 +151,7 @@ def series(
         qs.append(0.5 * np.concatenate([scalar, vector], axis=-1) / (k + 1))
         rs.append(d3 / (k + 1))
         forces.append(force_rate / (k + 1))
-        moments.append((_cauchy_cross(moments, omegas) + np.cross(forces[k], e3)) / (k + 1))
+        moments.append((_cauchy_cross(moments, omegas) + rotations.cross(forces[k], e3)) / (k + 1))
     return Series(np.stack(qs), np.stack(rs), np.stack(forces), np.stack(moments), np.stack(omegas))
 
 
@@ -159,7 +159,7 @@ def _section_load(left: Array, right: Array, load: Array) -> Array:
     """Return the coefficient of R^T f whose quaternion coefficients are ``left`` and reversed ``right``."""
     scalar = np.sum(left[..., 0] * right[..., 0] - np.sum(left[..., 1:] * right[..., 1:], axis=-1), axis=0)
     along = np.sum(left[..., 1:] * np.sum(right[..., 1:] * load, axis=-1, keepdims=True), axis=0)
-    across = np.cross(np.sum(left[..., :1] * right[..., 1:], axis=0), load)
+    across = rotations.cross(np.sum(left[..., :1] * right[..., 1:], axis=0), load)
     return scalar[..., None] * load + 2.0 * along - 2.0 * across
 
 

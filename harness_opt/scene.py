@@ -45,12 +45,18 @@ AGREE = (
     1e-9  # of the mesh's diagonal: largest difference between coal's answer and the exact one on its triangle
 )
 GJK = 1e-9  # tolerance of coal's iteration between a segment and a triangle; its own is 1e-6
+FEW_FACES = 5_000  # up to here a winding number is summed triangle by triangle
+FAR = 2.5  # radii of a cluster beyond which it is a dipole: wrong by 0.03 turns at most where measured
 PAIRS = 1_000_000  # point-triangle pairs at a time, so that temporaries stay below 100 MB
 
 
 def _length(v: Array) -> Array:
     """Return the Euclidean lengths (...) of vectors (..., 3); several times faster than np.linalg.norm."""
     return np.sqrt(np.einsum("...i,...i->...", v, v))
+
+
+def _dot(u: Array, v: Array) -> Array:
+    return np.einsum("...i,...i->...", u, v)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +135,7 @@ class Primitive(Geometry):
         """
         chord = end - start
         (f, g, _), (h, k, _) = self.signed_distance(start), self.signed_distance(end)
-        falls, rises = np.einsum("ki,ki->k", g, chord), np.einsum("ki,ki->k", k, chord)
+        falls, rises = _dot(g, chord), _dot(k, chord)
         between = (falls < 0) & (rises > 0)
         crossing = (h - rises - f) / np.where(between, falls - rises, 1.0)
         lowest = np.maximum(f + falls * crossing, h + rises * (crossing - 1.0))
@@ -143,13 +149,16 @@ class Mesh(Geometry):
     Args:
         vertices: (k, 3), m, in the body's coordinates.
         faces: (m, 3), vertex numbers.
+        areas: (m, 3), twice the area vectors, as the file turns its faces, m2.
         normals: (m, 3), unit, outward where the mesh is closed.
     """
 
     vertices: Array
     faces: Faces
+    areas: Array
     normals: Array
     query: _CoalQuery = field(repr=False)
+    clusters: _Clusters | None = field(repr=False)
 
     def signed_distance(self, points: ArrayLike) -> Distances:
         """See :meth:`Geometry.signed_distance`."""
@@ -188,24 +197,41 @@ class Mesh(Geometry):
         """Return the generalised winding numbers (n,) of ``points`` (n, 3): +-1 inside, 0 outside.
 
         The sum of the triangles' solid angles over 4 pi: Van Oosterom and Strackee, "The solid angle of a
-        plane triangle", IEEE Trans. Biomed. Eng. 30 (1983). Its determinant and products are linear in the
-        point but for ``|p|^2``, so they are matrix products.
+        plane triangle", IEEE Trans. Biomed. Eng. 30 (1983).
         """
-        centre = 0.5 * (self.lower + self.upper)
-        points = np.atleast_2d(np.asarray(points, dtype=float)) - centre
-        total = np.zeros(len(points))
+        points = np.atleast_2d(np.asarray(points, dtype=float))
         step = max(1, PAIRS // max(1, len(points)))
-        for first in range(0, len(self.faces), step):
-            a, b, c = (self.vertices[self.faces[first : first + step]] - centre).swapaxes(0, 1)
-            area = np.cross(a, b) + np.cross(b, c) + np.cross(c, a)
-            volume = np.einsum("mi,mi->m", a, np.cross(b, c)) - points @ area.T
-            square = np.einsum("ni,ni->n", points, points)[:, None]
-            la, lb, lc = (_length(v - points[:, None]) for v in (a, b, c))
-            ab, bc, ca = (
-                np.einsum("mi,mi->m", v, w) - points @ (v + w).T + square for v, w in ((a, b), (b, c), (c, a))
-            )
-            total += np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1)
-        return total / (2 * np.pi)
+        parts = (slice(first, first + step) for first in range(0, len(self.faces), step))
+        return np.sum([self._turns(points, part) for part in parts], axis=0)
+
+    def _turns(self, points: Array, which: slice | Faces) -> Array:
+        """Return the part of the winding numbers (n,) that is due to the faces ``which``."""
+        faces = self.faces[which]
+        a, b, c = (self.vertices[faces[:, k]] - points[:, None] for k in range(3))
+        volume = np.einsum("nmi,mi->nm", a, self.areas[which])
+        (la, lb, lc), (ab, bc, ca) = map(_length, (a, b, c)), map(_dot, (a, b, c), (b, c, a))
+        return np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1) / (2 * np.pi)
+
+    def _holds(self, point: Array) -> bool:
+        """Whether ``point`` (3,), off the surface, is inside the closed mesh.
+
+        Large meshes are summed by clusters, the far ones as dipoles: Barill et al., "Fast winding numbers for
+        soups and clouds", ACM Trans. Graph. 37 (2018), with one level of clusters. The true number is whole:
+        so the sum itself shows whether that was good enough.
+        """
+        clusters = self.clusters
+        if clusters is not None:
+            offset = clusters.centre - point
+            distance = _length(offset)
+            near = distance < FAR * clusters.radius
+            dipoles = _dot(clusters.area, offset)[~near] / distance[~near] ** 3
+            turns = np.sum(dipoles) / (4 * np.pi)
+            faces = [clusters.members[k] for k in np.flatnonzero(near)]
+            if faces:
+                turns += self._turns(point[None], np.concatenate(faces))[0]
+            if abs(turns - round(turns)) < 0.2:
+                return round(turns) != 0
+        return bool(abs(self.winding_number(point)[0]) > 0.5)
 
     def _signs(self, points: Array, distance: Array) -> Array:
         """Return +1.0 outside and -1.0 inside (n,) for points at unsigned ``distance`` (n,).
@@ -232,7 +258,7 @@ class Mesh(Geometry):
         left = np.argsort(-ball, kind="stable")
         while len(left):
             seed, left = left[0], left[1:]
-            side[seed] = -1.0 if abs(self.winding_number(at[seed])[0]) > 0.5 else 1.0
+            side[seed] = -1.0 if self._holds(at[seed]) else 1.0
             queue = deque([seed])
             while queue and len(left):
                 i = queue.popleft()
@@ -256,6 +282,34 @@ class Mesh(Geometry):
         return nearest, winner
 
 
+@dataclass(frozen=True, eq=False)
+class _Clusters:
+    """Neighbouring triangles, k times: face numbers, area vectors (k, 3), m2, and balls about them."""
+
+    members: tuple[Faces, ...]
+    area: Array
+    centre: Array
+    radius: Array
+
+    @staticmethod
+    def of(corners: Array, areas: Array) -> _Clusters:
+        """Split faces (m, 3, 3), (m, 3) at the median along the longest side, into about sqrt(m) clusters."""
+        middle = corners.mean(axis=1)
+        members = [np.arange(len(areas))]
+        for _ in range(round(0.5 * math.log2(len(areas)))):
+            along = [middle[group, np.argmax(np.ptp(middle[group], axis=0))] for group in members]
+            members = [
+                half
+                for group, x in zip(members, along, strict=True)
+                for half in np.array_split(group[np.argpartition(x, len(x) // 2)], 2)
+            ]
+        weights = _length(areas)
+        centre = np.array([np.average(middle[group], axis=0, weights=weights[group]) for group in members])
+        radius = [_length(corners[group] - at).max() for group, at in zip(members, centre, strict=True)]
+        area = np.array([0.5 * areas[group].sum(axis=0) for group in members])
+        return _Clusters(tuple(members), area, centre, np.array(radius))
+
+
 class _CoalQuery:
     """Distances of points and segments to a triangle shell; coal's request and result are made once."""
 
@@ -273,7 +327,7 @@ class _CoalQuery:
         self._request.gjk_tolerance = GJK
 
     def __call__(self, points: Array) -> tuple[Array, Faces]:
-        """Return unsigned distances (n,) of points (n, 3) and the nearest faces (n,); NaN and 0 where none."""
+        """Return unsigned distances (n,) of points (n, 3) and nearest faces (n,); NaN and 0 where none."""
         claimed, face = np.empty(len(points)), np.empty(len(points), dtype=np.int64)
         ball, distance, moved, result = self._coal.Sphere(0.0), self._coal.distance, self._moved, self._result
         moved.setRotation(np.eye(3))
@@ -310,7 +364,7 @@ def closest_on_triangles(p: Array, a: Array, b: Array, c: Array) -> Array:
     Collision Detection, 5.1.2 and 5.1.5.
     """
     u, v, w = b - a, c - a, p - a
-    uu, uv, vv, wu, wv = (np.einsum("ni,ni->n", x, y) for x, y in ((u, u), (u, v), (v, v), (w, u), (w, v)))
+    uu, uv, vv, wu, wv = (_dot(x, y) for x, y in ((u, u), (u, v), (v, v), (w, u), (w, v)))
     determinant = uu * vv - uv * uv
     safe = np.where(determinant > 0, determinant, 1.0)
     beta, gamma = (vv * wu - uv * wv) / safe, (uu * wv - uv * wu) / safe
@@ -319,8 +373,8 @@ def closest_on_triangles(p: Array, a: Array, b: Array, c: Array) -> Array:
     least = np.where(inside, _length(best - p), np.inf)
     for start, end in ((a, b), (b, c), (c, a)):
         edge = end - start
-        square = np.einsum("ni,ni->n", edge, edge)
-        along = np.einsum("ni,ni->n", p - start, edge) / np.where(square > 0, square, 1.0)
+        square = _dot(edge, edge)
+        along = _dot(p - start, edge) / np.where(square > 0, square, 1.0)
         foot = start + np.clip(along, 0.0, 1.0)[:, None] * edge
         distance = _length(foot - p)
         best = np.where((distance < least)[:, None], foot, best)
@@ -329,7 +383,7 @@ def closest_on_triangles(p: Array, a: Array, b: Array, c: Array) -> Array:
 
 
 def _shape_distance(shape: Box | Sphere | Cylinder | Capsule, p: Array) -> Distances:
-    """Return distance (n,), gradient (n, 3) and nearest point (n, 3) of ``p`` (n, 3), in the shape's frame."""
+    """Return distance (n,), gradient (n, 3) and nearest point (n, 3), all and ``p`` in the shape's frame."""
     if isinstance(shape, Box):
         return _box_distance(np.abs(shape.size) / 2, p)
     if isinstance(shape, Cylinder):
@@ -431,9 +485,9 @@ def _mesh(name: str, part: Part) -> Mesh:
     vertices = part.position + rotations.rotate(part.quaternion, vertices * METRES[part.shape.unit])
     closed, faces = _orient(faces)
     a, b, c = vertices[faces].swapaxes(0, 1)
-    normals = np.cross(b - a, c - a)
+    areas = np.cross(b - a, c - a)
     longest = np.max([_length(b - a), _length(c - b), _length(a - c)], axis=0)
-    solid = _length(normals) > FLAT * longest**2
+    solid = _length(areas) > FLAT * longest**2
     if not np.any(solid):
         raise ProblemError(f"parts.{name}.mesh: found only triangles without area, expected a surface")
     # the volume tells whether a closed mesh is inside out
@@ -448,8 +502,10 @@ def _mesh(name: str, part: Part) -> Mesh:
         closed,
         vertices,
         faces,
-        flip * rotations.normalise(normals[solid]),
+        areas[solid],
+        flip * rotations.normalise(areas[solid]),
         _CoalQuery(vertices, faces),
+        _Clusters.of(vertices[faces], areas[solid]) if closed and len(faces) > FEW_FACES else None,
     )
 
 

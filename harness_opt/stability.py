@@ -154,10 +154,12 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
 
 
 def lowest_mode(rod: Rod, kind: Kind) -> Array:
-    """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh, section frame."""
+    """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh, section frame; its
+    longest vector has length 1."""
     matrix, basis, _ = _reduced(rod, kind)
     vector = np.linalg.eigh(matrix)[1][:, 0]
     field = np.zeros(3 * (DEGREE * (len(rod.mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
     field[first : first + len(basis)] = basis @ vector
-    return field.reshape(-1, 3)[::DEGREE]
+    at_nodes = field.reshape(-1, 3)[::DEGREE]
+    return at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))

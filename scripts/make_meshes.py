@@ -62,20 +62,17 @@ def lift_arm() -> dict[str, Trimesh]:
 
 
 def door() -> dict[str, Trimesh]:
-    """Return a cabinet's frame at the hinge, the door leaf, and a latch box on the frame (hinge line x 0, y 0)."""
+    """Return a door's post with its knuckles, the leaf, and a striker bracket on the post (hinge line x 0, y 0)."""
     post = cut(block((-60, -40, -200), (-4, 60, 200)), block((-48, -28, -201), (-16, 48, 201)))
-    knuckles = union(*(rod(7, (0, 0, z - 25), (0, 0, z + 25)) for z in (-150.0, 150.0)))
-    leaf = cut(
-        block((6, -12, -200), (300, 12, 200)),
-        block((40, -13, -150), (260, 6, 150)),
-    )
-    latch = union(block((-4, 12, -30), (14, 46, 30)), rod(6, (5, 29, -45), (5, 29, 45)))
-    return {"frame": union(post, knuckles), "leaf": leaf, "latch": latch}
+    knuckles = [rod(7, (0, 0, z - 25), (0, 0, z + 25)) for z in (-150.0, 150.0)]
+    leaf = cut(block((6, -12, -200), (300, 12, 200)), block((40, -13, -150), (260, 6, 150)))
+    striker = union(block((-6, 52, -25), (46, 60, 25)), block((28, 24, -25), (46, 60, 25)))
+    return {"frame": union(post, *knuckles), "leaf": leaf, "striker": striker}
 
 
 def drawer() -> dict[str, Trimesh]:
     """Return a cabinet with an open front and the drawer that slides out of it along x."""
-    cabinet = cut(block((-320, -170, 0), (0, 170, 190)), block((-308, -158, 12), (1, 158, 178)))
+    cabinet = cut(block((-400, -170, -112), (0, 170, 190)), block((-388, -158, -100), (1, 158, 178)))
     tray = cut(block((-290, -150, 100), (0, 150, 160)), block((-280, -140, 106), (-10, 140, 161)))
     handle = union(block((0, -150, 92), (12, 150, 165)), rod(6, (30, -50, 130), (30, 50, 130)))
     posts = [rod(5, (5, y, 130), (30, y, 130)) for y in (-45.0, 45.0)]

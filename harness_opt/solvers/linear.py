@@ -26,19 +26,23 @@ class Factor:
 
     Args:
         jacobian: (m, n).
-        lu: SuperLU object, or None for the minimum-norm route.
+        lu: SuperLU object of the Jacobian, or of the Jacobian bordered by its null vectors; None for a dense solve.
+        bordered: which of the two.
     """
 
     jacobian: sp.csc_array
     lu: Any
+    bordered: bool = False
 
     @property
     def singular(self) -> bool:
         """True where the Jacobian is rank deficient to rounding, or not square."""
-        return self.lu is None
+        return self.lu is None or self.bordered
 
     def solve(self, b: Array) -> Array:
         """Return y that solves J y = b (m,) or (m, k): exactly, or in least squares with minimum norm."""
+        if self.bordered:
+            return self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
         if self.lu is not None:
             return self.lu.solve(np.ascontiguousarray(b))
         return scipy.linalg.lstsq(
@@ -47,26 +51,49 @@ class Factor:
 
 
 def factorise(jacobian: sp.csc_array) -> Factor:
-    """Factorise ``jacobian`` (m, n), CSC: sparse LU where square and regular, else prepare a minimum-norm solve."""
+    """Factorise ``jacobian`` (m, n), CSC.
+
+    Sparse LU where square and regular. Where one direction is lost, the matrix bordered by its null vectors is regular,
+    and solving with it gives the least-squares solution of minimum norm (Govaerts, "Numerical Methods for Bifurcations of
+    Dynamical Equilibria", section 3.2). Where more are lost, or the matrix is not square, a dense solve does.
+    """
     rows, columns = jacobian.shape
-    if rows != columns:
+    lu = _lu(jacobian) if rows == columns else None
+    if lu is None:
         return Factor(jacobian, None)
+    condition, right = _condition(jacobian, lu, "T", "N")
+    if condition < CONDITION_LIMIT:
+        return Factor(jacobian, lu)
+    if np.isfinite(condition):
+        left = _condition(jacobian, lu, "N", "T")[1]
+        size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
+        border = sp.block_array([[jacobian, size * left[:, None]], [size * right[None, :], None]], format="csc")
+        bordered = _lu(border)
+        if bordered is not None and _condition(border, bordered, "T", "N")[0] < CONDITION_LIMIT:
+            return Factor(jacobian, bordered, bordered=True)
+    return Factor(jacobian, None)
+
+
+def _lu(matrix: sp.csc_array) -> Any:
+    """Return SuperLU's factors, or None where it meets a pivot of exactly zero."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", spla.MatrixRankWarning)
         try:
-            lu = spla.splu(jacobian)
+            return spla.splu(matrix)
         except RuntimeError:  # SuperLU: "Factor is exactly singular"
-            return Factor(jacobian, None)
-    return Factor(jacobian, lu if _condition(jacobian, lu) < CONDITION_LIMIT else None)
+            return None
 
 
-def _condition(jacobian: sp.csc_array, lu: Any) -> float:
-    """Estimate the condition number by two inverse iterations on J^T J (Golub and Van Loan, section 3.5)."""
-    v = np.cos(np.arange(jacobian.shape[0]))  # any vector that is orthogonal to nothing in particular
+def _condition(matrix: sp.csc_array, lu: Any, first: str, second: str) -> tuple[float, Array]:
+    """Estimate the condition number, and the direction (n,) that the matrix (or its transpose) shrinks most.
+
+    Two inverse iterations on J^T J (``first`` "T", ``second`` "N") or J J^T (Golub and Van Loan, section 3.5).
+    """
+    v = np.cos(np.arange(matrix.shape[0]))  # any vector that is orthogonal to nothing in particular
     growth = 0.0
     for _ in range(2):
-        v = lu.solve(lu.solve(v / np.linalg.norm(v), "T"))
+        v = lu.solve(lu.solve(v / np.linalg.norm(v), first), second)
         growth = float(np.linalg.norm(v))
         if not np.isfinite(growth):
-            return np.inf
-    return float(np.sqrt(growth) * spla.norm(jacobian))
+            return np.inf, v
+    return float(np.sqrt(growth) * spla.norm(matrix)), v / growth

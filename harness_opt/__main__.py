@@ -1,0 +1,8 @@
+"""``python -m harness_opt``, the same as ``harness-opt``."""
+
+import sys
+
+from .cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

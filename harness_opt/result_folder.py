@@ -1,0 +1,150 @@
+"""A folder of results that is complete or absent: written beside, flushed to the disk, then renamed.
+
+What stands in the place already gives way only where a run of harness-opt wrote it; files that somebody else
+put into it are carried over.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from .errors import ProblemError
+
+SUMMARY = "summary.json"
+COMMANDS = ("simulate", "redesign")  # that write a result folder
+NAMES_SHOWN = 3  # of the files that stand in the way
+
+
+def read_summary(folder: Path) -> dict[str, Any] | None:
+    """Return the summary that ``folder`` holds, or None where it is no result folder of harness-opt.
+
+    Raises:
+        OSError: the file is there and cannot be read.
+    """
+    file = folder / SUMMARY
+    if not file.is_file():
+        return None
+    try:
+        summary = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError:  # neither JSON nor UTF-8: another program's file of that name
+        return None
+    ours = isinstance(summary, dict) and summary.get("command") in COMMANDS
+    ours = ours and isinstance(summary.get("versions"), dict) and "harness-opt" in summary["versions"]
+    return summary if ours else None
+
+
+def check_target(folder: Path, inputs: Iterable[Path] = ()) -> Path:
+    """Return the absolute path of ``folder``, where results may be written.
+
+    Args:
+        folder: where the results are to stand; it need not exist.
+        inputs: files of the problem, which must outlive the results.
+
+    Raises:
+        ProblemError: it is a file, holds another's files, holds an input, is the working folder, or lies
+            where nothing may be written.
+    """
+    target = folder.resolve()
+    try:
+        why = _in_the_way(target, inputs)
+    except OSError as error:
+        why = f"a place that can't be looked at ({error.strerror})"
+    if why:
+        raise ProblemError(f"{folder}: found {why}, expected a folder to write the results in")
+    return target
+
+
+def _in_the_way(target: Path, inputs: Iterable[Path]) -> str:
+    """Return what keeps results from being written to ``target``, or nothing."""
+    held = [file.name for file in inputs if file.resolve().is_relative_to(target)]
+    parent = next((p for p in target.parents if p.exists()), target)
+    if Path.cwd().is_relative_to(target):
+        why = "the folder you work in, which the results would replace"
+    elif held:
+        why = f"{held[0]} in it, which this problem needs"
+    elif not parent.is_dir():
+        why = f"{parent}, which is no folder"
+    elif not os.access(parent, os.W_OK | os.X_OK):
+        why = f"no right to write in {parent}"
+    elif target.exists() and not target.is_dir():
+        why = "a file"
+    elif target.exists() and any(target.iterdir()) and read_summary(target) is None:
+        names = sorted(entry.name for entry in target.iterdir())
+        listed = ", ".join(names[:NAMES_SHOWN]) + (", ..." if len(names) > NAMES_SHOWN else "")
+        why = f"files that are no result of harness-opt ({listed})"
+    else:
+        why = ""
+    return why
+
+
+@contextlib.contextmanager
+def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """Give an empty folder beside ``folder`` to write in, and put it in its place if all goes well.
+
+    Killed at any moment, the results that were there are whole, if need be as a hidden folder beside. What an
+    exception interrupts leaves nothing.
+
+    Args:
+        folder, inputs: as in :func:`check_target`.
+
+    Raises:
+        ProblemError: as :func:`check_target`, or the disk refuses.
+    """
+    target = check_target(folder, inputs)
+    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        aside.mkdir(parents=True)
+        yield aside
+        _flush(aside)
+        _put(aside, target)
+    except OSError as error:
+        where = error.filename or folder
+        raise ProblemError(
+            f"{folder}: found no way to write {where} ({error.strerror or error}), expected one"
+        ) from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _put(aside: Path, target: Path) -> None:
+    """Rename ``aside`` to ``target``; an earlier result gives way, and comes back where that fails."""
+    before = target.with_name(f".{target.name}.{os.getpid()}.before")
+    earlier = target.exists()
+    try:
+        if earlier:
+            os.rename(target, before)
+        os.rename(aside, target)
+    finally:
+        if before.exists() and not target.exists():
+            os.rename(before, target)
+    if earlier:
+        written = (read_summary(before) or {}).get("files", ())
+        for entry in before.iterdir():
+            if entry.name not in written and not (target / entry.name).exists():
+                os.rename(entry, target / entry.name)
+        shutil.rmtree(before)
+    _flush_entry(target.parent)
+
+
+def _flush(folder: Path) -> None:
+    """Have the disk hold all that is in ``folder`` before its name does."""
+    for place, _, files in os.walk(folder, topdown=False):
+        for name in files:
+            _flush_entry(Path(place, name))
+        _flush_entry(Path(place))
+
+
+def _flush_entry(path: Path) -> None:
+    if os.name == "nt" and path.is_dir():  # Windows opens no folders
+        return
+    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,172 @@
+"""A summary in words, for people: the table of limits and the verdict, at most 80 columns wide."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+WIDTH = 80
+NARROWEST = 6  # to which names are cut, if need be
+# unit shown, and how many of them are one of the problem file's unit
+UNITS = {
+    "clearance": ("mm", 1e3),
+    "bend_radius": ("mm", 1e3),
+    "twist_deg_per_m": ("deg/m", 1.0),
+    "clamp_force": ("N", 1.0),
+    "clamp_moment": ("Nm", 1.0),
+}
+HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "arc mm", "")
+LEFT = {0, 1, 2, 6, 9}  # columns set to the left, the others to the right
+NAMES = (2, 1)  # columns that may be cut, in this order
+LARGE = 1e5  # from which numbers are rounded to two digits: a straight cable's bend radius
+
+
+def table(limits: Sequence[Mapping[str, Any]]) -> str:
+    """Return the limits of a summary as a table of at most 80 columns; nothing where there are none."""
+    if not limits:
+        return ""
+    rows = [HEAD, *(_cells(row) for row in limits)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
+    for column in NAMES:
+        excess = sum(widths) + len(widths) - 1 - WIDTH
+        widths[column] = min(widths[column], max(NARROWEST, widths[column] - max(excess, 0)))
+    return "\n".join(_line(row, widths) for row in rows)
+
+
+def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    unit, scale = UNITS[row["name"]]
+    return (
+        _label(row["name"]),
+        row["cable"],
+        _part(row) or "-",
+        _number(row["limit"], scale),
+        _number(row["worst"], scale),
+        _number(row["margin"], scale, "+"),
+        unit,
+        _percent(row["motion"]),
+        f"{1e3 * row['arc_length']:.0f}",
+        "OK" if _holds(row) else "VIOLATED",
+    )
+
+
+def _line(row: Sequence[str], widths: Sequence[int]) -> str:
+    cells = []
+    for i, (cell, width) in enumerate(zip(row, widths, strict=True)):
+        short = cell if len(cell) <= width else cell[: width - 1] + "~"
+        cells.append(short.ljust(width) if i in LEFT else short.rjust(width))
+    return " ".join(cells).rstrip()
+
+
+def _number(value: float | None, scale: float, sign: str = "") -> str:
+    if value is None:
+        return "-"
+    scaled = value * scale
+    return format(scaled, f"{sign}.2g") if abs(scaled) >= LARGE else format(scaled, f"{sign}.2f")
+
+
+def _percent(motion: float) -> str:
+    return f"{100 * motion:.1f}%"
+
+
+def _label(name: str) -> str:
+    return name.removesuffix("_deg_per_m").replace("_", " ")
+
+
+def _part(row: Mapping[str, Any]) -> str:
+    part = row["part"] or ""
+    other = part.removeprefix("cable:")
+    if other == part:
+        return part
+    return "itself" if other == row["cable"] else f"cable {other}"
+
+
+def _holds(row: Mapping[str, Any]) -> bool:
+    return row["margin"] is not None and row["margin"] >= 0
+
+
+def limit_words(row: Mapping[str, Any]) -> str:
+    """Return what a row is about: ``clearance of lead to bracket``."""
+    part = _part(row)
+    return f"{_label(row['name'])} of {row['cable']}" + (f" to {part}" if part else "")
+
+
+def report(summary: Mapping[str, Any]) -> str:
+    """Return a whole summary in words: title, limits, what changed, what to know, the verdict last."""
+    blocks = [_headline(summary), table(summary["limits"]), _changes(summary)]
+    notes = [*_notes(summary), conclusion(summary)]
+    blocks.append("\n".join(_wrapped(note) for note in notes))
+    return "\n\n".join(block for block in blocks if block)
+
+
+def _headline(summary: Mapping[str, Any]) -> str:
+    problem, frames = summary["problem"], summary["frames"]
+    title = problem["title"] or problem["file"] or "A problem without title"
+    counted = "1 frame" if frames == 1 else f"{frames} frames"
+    return _wrapped(f"{title}: {counted}, {summary['timing']['total']:.1f} s")
+
+
+def _changes(summary: Mapping[str, Any]) -> str:
+    variables = summary.get("redesign", {}).get("variables", {})
+    lines = []
+    for name, found in variables.items():
+        after = "-" if found["after"] is None else f"{found['after']:.6g}"
+        unit = "deg" if name.endswith("_deg") else "m"
+        bounds = f"[{found['lower']:g}, {found['upper']:g}]"
+        lines.append(f"{name}: {found['before']:.6g} -> {after} {unit}, within {bounds}")
+    return "\n".join(lines)
+
+
+def _notes(summary: Mapping[str, Any]) -> Iterable[str]:
+    for snap in summary["snaps"]:
+        at = f"motion {_percent(snap['motion'])} (frame {snap['frame']})"
+        yield f"Cable {snap['cable']} snaps to another shape at {at}."
+    if summary["frames"] and not summary["stable"]:
+        yield "Some frames show an unstable shape."
+    loose = [row for row in summary["limits"] if row.get("certified_along_arc") is False]
+    if loose:
+        words = ", ".join(limit_words(row) for row in loose)
+        yield f"Not found to the tolerance asked for, so less sure: {words}."
+    for name in summary["open_meshes"]:
+        yield f"Part {name} is not closed: it is a shell, and a cable inside it goes unnoticed."
+    for entry in summary["clearances"]:
+        if any(entry["excluded_near_clamps"].values()):
+            start, end = (1e3 * length for length in entry["excluded_near_clamps"].values())
+            where = " and ".join(
+                f"the first {length:.1f} mm" if k == 0 else f"the last {length:.1f} mm"
+                for k, length in enumerate((start, end))
+                if length
+            )
+            yield f"Clearance of {entry['cable']} to {entry['part']} leaves out {where}, at the clamp."
+    if summary["left_out"]:
+        yield f"Left out: {', '.join(summary['left_out'])}."
+
+
+def conclusion(summary: Mapping[str, Any]) -> str:
+    """Return the verdict as a sentence or two."""
+    limits, status = summary["limits"], summary["status"]
+    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if not _holds(row)]
+    if status == "unsolved":
+        return f"Not solved: {summary['message'] or summary['reason']}"
+    if status == "infeasible":
+        in_the_way = [*short, *(f"a snap of {snap['cable']}" for snap in summary["snaps"])]
+        active = summary["redesign"]["active"]
+        held = f" It is held by: {'; '.join(active)}." if active else ""
+        found = "No design within the bounds holds all limits; the best one found is given."
+        return f"{found} In the way: {'; '.join(in_the_way)}.{held}"
+    if not limits:
+        return "Solved; there are no limits to hold."
+    if short:
+        return f"{len(short)} of {len(limits)} limits violated: {'; '.join(short)}."
+    return "The limit holds." if len(limits) == 1 else f"All {len(limits)} limits hold."
+
+
+def _shortfall(row: Mapping[str, Any]) -> str:
+    if row["margin"] is None:
+        return "not known"
+    unit, scale = UNITS[row["name"]]
+    return f"by {_number(-row['margin'], scale)} {unit} at motion {_percent(row['motion'])}"
+
+
+def _wrapped(words: str) -> str:
+    return textwrap.fill(words, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
