@@ -1,6 +1,7 @@
 """Motional cable harness design: shapes, clearances and redesign of cables between moving clamps.
 
 Names are imported when first used, so that ``import harness_opt`` and the commands that solve nothing start at once.
+No room is called like a public function: importing a room binds its name here.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .equilibrium import Shape, equilibrium
     from .errors import HarnessError, ProblemError, SolveError, Status
     from .motion import simulate
+    from .outer_loop import Redesign, redesign
+    from .pose import Shape, equilibrium
     from .problem import (
         Body,
         Box,
@@ -32,12 +34,10 @@ if TYPE_CHECKING:
         Variable,
     )
     from .problem_file import read_problem, write_problem
-    from .redesign import Redesign, redesign
     from .report import clearances, write_results
     from .results import Motion
 
 _ROOMS = {
-    "equilibrium": ("Shape", "equilibrium"),
     "errors": ("HarnessError", "ProblemError", "SolveError", "Status"),
     "motion": ("simulate",),
     "problem": (
@@ -60,15 +60,15 @@ _ROOMS = {
         "Variable",
     ),
     "problem_file": ("read_problem", "write_problem"),
-    "redesign": ("Redesign", "redesign"),
+    "outer_loop": ("Redesign", "redesign"),
+    "pose": ("Shape", "equilibrium"),
     "report": ("clearances", "write_results"),
     "results": ("Motion",),
 }
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 
-__all__ = [  # noqa: PLE0604
-    *sorted(_ROOM_OF)
-]
+__version__ = "0.1.0"
+__all__ = sorted(_ROOM_OF)  # noqa: PLE0605
 
 
 def __getattr__(name: str) -> Any:

@@ -89,7 +89,10 @@ def boundary(start: End, end: End, units: Units) -> Boundary:
         ProblemError: neither end has a position; or the ends are further apart than the cable is long.
     """
     kind = Kind(
-        start.position is not None, start.quaternion is not None, end.position is not None, end.quaternion is not None
+        start.position is not None,
+        start.quaternion is not None,
+        end.position is not None,
+        end.quaternion is not None,
     )
     if not (kind.start_position or kind.end_position):
         raise ProblemError("end.position: neither end has a position, so the cable would fly away")

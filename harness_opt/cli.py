@@ -3,8 +3,6 @@
 The rooms that solve are imported inside the commands, so that help, ``schema`` and ``check`` start at once.
 """
 
-# ruff: noqa: PLC0415
-
 from __future__ import annotations
 
 import contextlib
@@ -27,8 +25,8 @@ from .progress import Abandoned, Interrupts, progress_for
 if TYPE_CHECKING:
     from .clearance import ClearanceResult
     from .motion import Progress
+    from .outer_loop import Redesign
     from .problem import Problem
-    from .redesign import Redesign
     from .results import Motion
     from .scene import Scene
 
@@ -117,9 +115,7 @@ class _Wanted:
 
 
 _file = click.argument("file", type=click.Path(path_type=Path))
-_as_json = click.option(
-    "--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there."
-)
+_as_json = click.option("--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there.")
 
 
 def _running(command: Callable[..., int]) -> Callable[..., int]:
@@ -154,9 +150,7 @@ _CODES = (
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, epilog=_CODES)
-@click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show it."
-)
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show it.")
 def commands() -> None:
     """Shapes, clearances and redesign of cables between moving clamps.
 
@@ -199,15 +193,11 @@ def check(file: Path, as_json: bool) -> int:
 
 @commands.command()
 @_running
-@click.option(
-    "--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m."
-)
+@click.option("--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
 @click.option("--elements", type=click.IntRange(min=1), help="Least number of elements of a cable.")
 @click.option("--solver", type=click.Choice(SOLVERS), help="Way to solve; gauss-newton where left out.")
 @click.option("--tolerance", type=_Positive(), help="Error allowed in a shape, in lengths of the cable.")
-def simulate(
-    file: Path, folder: Path | None, as_json: bool, quiet: bool, pictures: bool, **numerics: Any
-) -> int:
+def simulate(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictures: bool, **numerics: Any) -> int:
     """Simulate the whole motion of FILE: shapes, clearances, limits, verdict.
 
     \b
@@ -237,7 +227,7 @@ def redesign(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictur
     """
 
     def solve(problem: Problem, progress: Progress) -> Redesign:
-        from .redesign import redesign
+        from .outer_loop import redesign
 
         return redesign(problem, progress=progress, throw=False)
 

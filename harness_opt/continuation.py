@@ -1,8 +1,8 @@
 """Solving near a known shape: one accurate solve, and following a path of cases with step control.
 
-A shape is carried from case to case by a secant predictor and the solver's corrections. A step is taken only where the
-corrected shape stays near the predicted one and the end keeps its sign, that is its number of whole turns; otherwise it is halved.
-Deuflhard, "Newton Methods for Nonlinear Problems", chapter 5.
+A shape is carried from case to case by a secant predictor and the solver's corrections. A step is taken only where
+the corrected shape stays near the predicted one and the end keeps its sign, that is its number of whole turns;
+otherwise it is halved. Deuflhard, "Newton Methods for Nonlinear Problems", chapter 5.
 """
 
 from __future__ import annotations
@@ -28,7 +28,19 @@ SOLVERS: dict[str, Solver] = {
     "ipopt": ipopt.solve,
 }
 STAGES = 5  # Gauss points an element: order 10 at the nodes
-ELEMENTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  # meshes on offer; a function is built once for each
+ELEMENTS = (
+    8,
+    12,
+    16,
+    24,
+    32,
+    48,
+    64,
+    96,
+    128,
+    192,
+    256,
+)  # meshes on offer; a function is built once for each
 RESIDUAL = 1e-11  # of the scaled equations
 STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
 NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
@@ -199,7 +211,9 @@ def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: 
     return solved
 
 
-def follow(path: Callable[[float], Case], start: Solved, first: float, last: float, solver: str) -> tuple[Solved, float]:
+def follow(
+    path: Callable[[float], Case], start: Solved, first: float, last: float, solver: str
+) -> tuple[Solved, float]:
     """Follow ``path`` from parameter ``first``, where ``start`` was solved, towards ``last``.
 
     Returns:

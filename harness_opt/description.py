@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import rotations
-from .motion import left_out, place_frames
+from .path import left_out, place_frames
 from .problem import WORLD, Body, CableRun, End, Hinge, MeshFile, Part, Problem, Slide
 from .rotations import Array
 from .scene import Geometry, Mesh, Scene

@@ -45,7 +45,10 @@ def target(name: str) -> Target:
         return Target(cable, None, "length", 0)
     for side in ("start", "end"):
         for axis, letter in enumerate(AXES):
-            for quantity, ending in (("position", f".{side}.position.{letter}"), ("rotate", f".{side}.rotate_{letter}_deg")):
+            for quantity, ending in (
+                ("position", f".{side}.position.{letter}"),
+                ("rotate", f".{side}.rotate_{letter}_deg"),
+            ):
                 if name.endswith(ending) and len(name) > len(ending):
                     return Target(name[: -len(ending)], side, quantity, axis)  # type: ignore[arg-type]
     raise ProblemError(
@@ -108,13 +111,14 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
             position = list(end.position)  # type: ignore[arg-type]
             position[what.axis] = float(value)
             runs[what.cable] = dataclasses.replace(
-                run, **{what.side: dataclasses.replace(end, position=tuple(position))}  # type: ignore[arg-type]
+                run,
+                **{what.side: dataclasses.replace(end, position=tuple(position))},  # type: ignore[arg-type]
             )
         else:
             turns.setdefault((what.cable, what.side), {})[what.axis] = float(value)  # type: ignore[arg-type]
     for (cable, side), angles in turns.items():
         end = getattr(runs[cable], side)
-        turned = tuple(rotations.multiply(end.quaternion, _turn(angles)).tolist())
+        turned = tuple(rotations.multiply(np.asarray(end.quaternion), _turn(angles)).tolist())
         runs[cable] = dataclasses.replace(runs[cable], **{side: dataclasses.replace(end, quaternion=turned)})  # type: ignore[arg-type]
     return dataclasses.replace(problem, cables=runs)
 
@@ -123,9 +127,8 @@ def rebased(problem: Problem, design: Array) -> Problem:
     """Return :func:`apply` with the bounds on turns counted from the new poses, as a written file must have them."""
     variables = []
     for variable, value in zip(problem.design.variables, design, strict=True):
-        if target(variable.name).quantity == "rotate":
-            variable = Variable(variable.name, variable.lower - float(value), variable.upper - float(value))
-        variables.append(variable)
+        turned = float(value) if target(variable.name).quantity == "rotate" else 0.0
+        variables.append(Variable(variable.name, variable.lower - turned, variable.upper - turned))
     applied = apply(problem, design)
     return dataclasses.replace(applied, design=Design(problem.design.minimise, tuple(variables)))
 

@@ -180,9 +180,7 @@ def unreadable(file: Path) -> str:
 def _bend_radius(tree: Tree) -> Iterator[Mistake]:
     limit = value(table(tree, "limits"), "bend_radius")
     diameters = {name: value(table(tree, "cables", name), "diameter") for name in table(tree, "cables")}
-    thick = max(
-        (name for name, d in diameters.items() if d is not None), key=lambda n: diameters[n], default=None
-    )
+    thick = max((name for name, d in diameters.items() if d is not None), key=lambda n: diameters[n], default=None)
     if limit is not None and thick is not None and limit < 0.5 * diameters[thick]:
         words = f"expected at least {0.5 * diameters[thick]:.6g}, half the diameter of cable {thick!r}"
         yield ("limits", "bend_radius"), f"found {shown(limit)}, {words}"
@@ -202,9 +200,7 @@ def variables_of(cable: str) -> dict[str, tuple[str, str] | None]:
 
 
 def _variables(tree: Tree) -> Iterator[Mistake]:
-    known = {
-        name: (cable, need) for cable in table(tree, "cables") for name, need in variables_of(cable).items()
-    }
+    known = {name: (cable, need) for cable in table(tree, "cables") for name, need in variables_of(cable).items()}
     for name, bounds in table(tree, "design", "variables").items():
         path = ("design", "variables", name)
         if isinstance(bounds, Mapping) or "cables" not in tree or tree["cables"] is INVALID:

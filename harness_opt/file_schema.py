@@ -61,9 +61,7 @@ class Table(BaseModel):
         try:
             return handler(data)
         except ValidationError as error:
-            lines = [
-                InitErrorDetails(type=cls._worded(e), loc=e["loc"], input=e["input"]) for e in error.errors()
-            ]
+            lines = [InitErrorDetails(type=cls._worded(e), loc=e["loc"], input=e["input"]) for e in error.errors()]
             raise ValidationError.from_exception_data(cls.__name__, lines) from None
 
     @classmethod
@@ -79,9 +77,7 @@ class Table(BaseModel):
             return PydanticCustomError("unknown", "{words}", {"words": one_of(cls.keys(), key)})
         if kind == "missing":
             marks = [mark for mark in cls.keys()[key].metadata if isinstance(mark, Expected)]
-            return PydanticCustomError(
-                "nothing", "{words}", {"words": marks[0].words if marks else "a table"}
-            )
+            return PydanticCustomError("nothing", "{words}", {"words": marks[0].words if marks else "a table"})
         if kind in ("union_tag_invalid", "union_tag_not_found"):
             is_table = isinstance(error["input"], dict)
             return PydanticCustomError("kind" if is_table else "expected", "{words}", {"words": "a table"})
@@ -106,12 +102,8 @@ class EndTable(Table):
         }
     )
 
-    body: Text = Field(
-        default="world", description='Name of the body that carries the clamp; "world" always exists.'
-    )
-    position: Vector | None = Field(
-        default=None, description="Of the centreline's end, in body coordinates, m."
-    )
+    body: Text = Field(default="world", description='Name of the body that carries the clamp; "world" always exists.')
+    position: Vector | None = Field(default=None, description="Of the centreline's end, in body coordinates, m.")
     force: Vector | None = Field(
         default=None, description="Dead load on the cable at this end, in world coordinates, N."
     )
@@ -126,9 +118,7 @@ class EndTable(Table):
         default=None,
         description="Turns the section about its tangent, from d1 = body x seen on the section, degrees.",
     )
-    moment: Vector | None = Field(
-        default=None, description="Dead moment on the cable at this end, world, N m."
-    )
+    moment: Vector | None = Field(default=None, description="Dead moment on the cable at this end, world, N m.")
     turns: Whole = Field(
         default=0,
         description="At the end only: whole turns added to the smallest twist that joins the two clamps.",
@@ -142,17 +132,13 @@ class CableTable(Table):
 
     length: Positive = Field(description="Of the centreline, m.")
     diameter: Positive = Field(description="Outer diameter, m.")
-    bending_stiffness: Bending = Field(
-        description="N m2; one number, or [kx, ky] about d1 and d2 of a flat section."
-    )
+    bending_stiffness: Bending = Field(description="N m2; one number, or [kx, ky] about d1 and d2 of a flat section.")
     torsional_stiffness: Positive = Field(description="kz, about the tangent, N m2.")
     density: NotNegative | None = Field(
         default=None,
         description="kg/m3, of the full circle of the diameter; or mass_per_length; neither is weightless.",
     )
-    mass_per_length: NotNegative | None = Field(
-        default=None, description="kg/m; or density; neither is weightless."
-    )
+    mass_per_length: NotNegative | None = Field(default=None, description="kg/m; or density; neither is weightless.")
     rest_curvature: Vector = Field(
         default=(0.0, 0.0, 0.0),
         description="Curvatures and twist of the unloaded cable in the section frame, 1/m.",
@@ -248,9 +234,7 @@ class PartTable(Table):
     )
 
     body: Text = Field(default="world", description='Name of the body it belongs to; "world" always exists.')
-    mesh: Text | None = Field(
-        default=None, description="STL, OBJ, PLY, GLB or glTF file, relative to this file."
-    )
+    mesh: Text | None = Field(default=None, description="STL, OBJ, PLY, GLB or glTF file, relative to this file.")
     mesh_unit: MeshUnit | None = Field(
         default=None,
         description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
@@ -259,9 +243,7 @@ class PartTable(Table):
     cylinder: CylinderTable | None = Field(default=None, description="A cylinder instead of a mesh.")
     sphere: SphereTable | None = Field(default=None, description="A ball instead of a mesh.")
     capsule: CapsuleTable | None = Field(default=None, description="A capsule instead of a mesh.")
-    position: Vector = Field(
-        default=(0.0, 0.0, 0.0), description="Of the shape's origin, in body coordinates, m."
-    )
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="Of the shape's origin, in body coordinates, m.")
     quaternion: Quaternion = Field(
         default=(1.0, 0.0, 0.0, 0.0), description="Of the shape, in body coordinates, scalar first."
     )
@@ -313,15 +295,9 @@ class ProblemTable(Table):
     title: Text = Field(default="", description="One line for people.")
     gravity: Vector = Field(default=(0.0, 0.0, 0.0), description="m/s2; leave out for weightless.")
     cables: dict[str, CableTable] = Field(description="The cables by name.", min_length=1)
-    bodies: dict[str, BodyTable] = Field(
-        default_factory=dict, description='The bodies by name, without "world".'
-    )
-    motion: PathTable = Field(
-        default=PathTable(), description="How finely the motion is followed and played back."
-    )
-    parts: dict[str, PartTable] = Field(
-        default_factory=dict, description="The solids to stay clear of, by name."
-    )
+    bodies: dict[str, BodyTable] = Field(default_factory=dict, description='The bodies by name, without "world".')
+    motion: PathTable = Field(default=PathTable(), description="How finely the motion is followed and played back.")
+    parts: dict[str, PartTable] = Field(default_factory=dict, description="The solids to stay clear of, by name.")
     limits: LimitsTable = Field(default=LimitsTable(), description="What must hold at every moment.")
     design: DesignTable = Field(default=DesignTable(), description="For redesign.")
 

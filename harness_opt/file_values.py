@@ -127,8 +127,6 @@ Quaternion = Annotated[
     Expected("[w, x, y, z], four numbers of a unit quaternion"),
     AfterValidator(_unit),
 ]
-Bending = Annotated[
-    _Above0 | tuple[_Above0, _Above0], Expected("a number above 0, or [kx, ky], two numbers above 0")
-]
+Bending = Annotated[_Above0 | tuple[_Above0, _Above0], Expected("a number above 0, or [kx, ky], two numbers above 0")]
 Bounds = Annotated[tuple[_Finite, _Finite], Expected("[lower, upper], two numbers")]
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]

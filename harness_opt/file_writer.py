@@ -230,9 +230,7 @@ def _shape_rows(shape: Shape, folder: Path) -> Rows:
 
 
 def _limit_rows(limits: Limits) -> Rows:
-    given = {
-        key: None if value is None else float(value) for key, value in dataclasses.asdict(limits).items()
-    }
+    given = {key: None if value is None else float(value) for key, value in dataclasses.asdict(limits).items()}
     twist = given["twist"]
     return [
         ("clearance", given["clearance"], "m"),
@@ -250,8 +248,6 @@ def _design(document: Any, problem: Problem) -> None:
     table = _fill(tomlkit.table(), [("minimise", design.minimise, "change | length")])
     if design.variables:
         units = {"deg": "degrees, from the pose given"}
-        rows = [
-            (v.name, [float(v.lower), float(v.upper)], units.get(v.name[-3:], "m")) for v in design.variables
-        ]
+        rows = [(v.name, [float(v.lower), float(v.upper)], units.get(v.name[-3:], "m")) for v in design.variables]
         table.add("variables", _fill(tomlkit.table(), rows))
     document["design"] = table

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .clearance import ClearanceResult
 from .problem import Problem
 from .results import CableMotion, LimitResult, Motion
 from .rotations import Array
@@ -49,7 +50,7 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
             twist = np.abs(shapes.curvature[..., 2])
             tolerance = float(np.max(between_stations(twist)))
             rows.append(_row("twist", limits.twist, twist, name, shapes, motion.motion, tolerance))
-        for limit_name, limit, load in (
+        for name_of_limit, limit, load in (
             ("clamp_force", limits.clamp_force, shapes.force),
             ("clamp_moment", limits.clamp_moment, shapes.moment),
         ):
@@ -57,7 +58,7 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
                 continue
             at_clamps = np.zeros(load.shape[:2])
             at_clamps[:, [0, -1]] = np.linalg.norm(load[:, [0, -1]], axis=-1)
-            rows.append(_row(limit_name, limit, at_clamps, name, shapes, motion.motion, 0.0))
+            rows.append(_row(name_of_limit, limit, at_clamps, name, shapes, motion.motion, 0.0))
     return tuple(rows)
 
 
@@ -70,6 +71,16 @@ def _bend_row(limit: float, name: str, shapes: CableMotion, motion: Array) -> Li
         "bend_radius", limit, worst, worst - limit, name, int(frame), float(motion[frame]), float(shapes.s[station]),
         None, False, tolerance,
     )  # fmt: skip
+
+
+def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) -> tuple[LimitResult, ...]:
+    """Return the rows of every limit of ``problem``."""
+    return (*clearances.limits, *cable_limits(problem, motion))
+
+
+def limit_label(name: str, cable: str, part: str | None) -> str:
+    """Return the words for a limit, such as "clearance of lead to bracket"."""
+    return f"{name.replace('_', ' ')} of {cable}" + (f" to {part}" if part else "")
 
 
 def held(rows: Sequence[LimitResult]) -> bool:

@@ -1,7 +1,8 @@
 """The whole motion: frames along the path of the clamps, every cable followed from frame to frame.
 
-The paper's dispersion, section 4.2: the moving clamp's trail is cut by a spatial step, one shape is solved for each point. Here each
-shape starts from the last ones, and a cable that loses its shape is let go and lands where its energy is least.
+The paper's dispersion, section 4.2: the moving clamp's trail is cut by a spatial step, one shape is solved for each
+point. Here each shape starts from the last ones, and a cable that loses its shape is let go and lands where its
+energy is least.
 """
 
 from __future__ import annotations
@@ -14,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import rod as rod_module
-from . import rotations
 from .boundary import Case, case
+from .cold_start import cold_start, let_go, stabilise
 from .continuation import (
     COARSE,
     ELEMENTS,
-    SOLVERS,
     Solved,
     error_estimate,
     error_from_defects,
@@ -29,8 +29,9 @@ from .continuation import (
     solve_on,
     step,
 )
-from .equilibrium import STATIONS, check_method, cold_start, let_go, stabilise
-from .errors import ProblemError, SolveError, Status
+from .errors import SolveError, Status
+from .path import left_out, place_frames
+from .pose import STATIONS, check_method
 from .problem import End, Problem
 from .results import CableMotion, Motion, Snap
 from .rod import Units
@@ -40,51 +41,10 @@ from .stability import Stability, stability, surely_stable
 from .threads import one_thread
 
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
-STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
-TURN_STEP = np.deg2rad(5.0)  # most that a clamp turns between two frames
-PATH_SAMPLES = 2001  # for measuring the path of the clamps
-MOST_FRAMES = 20_000
 SAME_ENERGY = 1e-6  # relative difference below which two shapes of one pose are of one neutral family
 BATCH = 64  # frames whose stability is checked together; a lost one sends the sweep back to it
 
 Progress = Callable[[str, int, int], None]
-
-
-def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
-    """Return the motion values (P,) from 0 to 1 of the frames to solve.
-
-    Between two frames no clamp moves by more than the spatial step or turns by more than 5 degrees, so a clamp that turns
-    on the spot is followed too.
-
-    Raises:
-        ProblemError: more than MOST_FRAMES frames would be needed.
-    """
-    if not problem.moves:
-        return np.zeros(1)
-    longest = max(run.cable.length for run in problem.cables.values())
-    allowed = spatial_step or problem.spatial_step or STEP_FRACTION * longest
-    grid = np.linspace(0.0, 1.0, PATH_SAMPLES)
-    increments = np.zeros(PATH_SAMPLES - 1)
-    for run in problem.cables.values():
-        for end in (run.start, run.end):
-            position, quaternion = problem.body(end.body).poses(grid)
-            if end.position is not None:
-                position = position + rotations.rotate(quaternion, end.position)
-            moved = np.linalg.norm(np.diff(position, axis=0), axis=1) / allowed
-            turned = 2.0 * np.minimum(
-                np.linalg.norm(np.diff(quaternion, axis=0), axis=1),
-                np.linalg.norm(quaternion[1:] + quaternion[:-1], axis=1),
-            )
-            increments = np.maximum(increments, np.maximum(moved, turned / TURN_STEP))
-    run_so_far = np.concatenate([[0.0], np.cumsum(increments)])
-    count = int(np.ceil(run_so_far[-1] - 1e-9)) + 1
-    if count > MOST_FRAMES:
-        raise ProblemError(
-            f"motion.spatial_step: found {allowed:g} m, which asks for {count} frames, expected at most {MOST_FRAMES}"
-        )
-    # clamps that rest for a while: the tiny slope keeps the inverse single-valued
-    measure = run_so_far + 1e-6 * grid
-    return np.interp(np.linspace(0.0, measure[-1], max(count, 2)), measure, grid)
 
 
 @dataclass(frozen=True)
@@ -126,8 +86,23 @@ def batch(frames: Sequence[Solved]) -> Rod:
 class _Follower:
     """Follows one cable along the motion; see :func:`sweep`."""
 
-    def __init__(self, problem: Problem, name: str, motion: Array, solver: str, progress: Progress | None):
-        self.problem, self.name, self.motion, self.solver, self.progress = problem, name, motion, solver, progress
+    def __init__(
+        self,
+        problem: Problem,
+        name: str,
+        motion: Array,
+        solver: str,
+        elements: int,
+        progress: Progress | None,
+    ):
+        self.problem, self.name, self.motion, self.solver, self.progress = (
+            problem,
+            name,
+            motion,
+            solver,
+            progress,
+        )
+        self.elements = elements
         self.run = problem.cables[name]
         self.gravity = np.asarray(problem.gravity)
         self.frames: list[Solved] = []
@@ -205,8 +180,8 @@ class _Follower:
     def swing_start(self, landed: Solved) -> bool:
         """Replace a first frame that may turn freely by the member of its family that leads to ``landed``.
 
-        Coaxial clamps and no weight leave the first shape undetermined up to a rotation; the next pose determines it. Returns
-        False where the way back from ``landed`` ends in another shape, which makes the jump a snap.
+        Coaxial clamps and no weight leave the first shape undetermined up to a rotation; the next pose determines
+        it. Returns False where the way back from ``landed`` ends in another shape, which makes the jump a snap.
         """
         first = self.frames[0]
 
@@ -228,12 +203,21 @@ class _Follower:
         first = self.start(guess(0))
         if first is None or not first.ok:
             return Status.NO_START, self.failure(0, "no shape joins its two ends there")
+        mesh = first.bound.mesh
+        if self.elements >= len(mesh):  # asked for more than the first shape needed
+            finer = next((m for m in ELEMENTS if m >= self.elements), ELEMENTS[-1])
+            mesh = refined_mesh(mesh, error_estimate(first)[1], finer)
+            first = solve_on(first.case, mesh, resample(first.rod, mesh), self.solver)
+            if not first.ok or first.turned:
+                return Status.NO_START, self.failure(0, "the first shape could not be refined")
         self.frames.append(first)
         while True:
             while len(self.frames) < total and len(self.frames) - checked < BATCH:
                 solved = self.advance(guess(len(self.frames))) or self.snap(self.frames[-1])
                 if solved is None:
-                    return Status.STEP_TOO_SMALL, self.failure(len(self.frames), "the shape was lost and none found again")
+                    return Status.STEP_TOO_SMALL, self.failure(
+                        len(self.frames), "the shape was lost and none found again"
+                    )
                 self.append(solved)
                 if self.progress:
                     self.progress(self.name, len(self.frames), total)
@@ -247,7 +231,9 @@ class _Follower:
                 self.snaps = [(f, at) for f, at in self.snaps if f < k]
                 landed = self.snap(unstable)
                 if landed is None:
-                    return Status.STEP_TOO_SMALL, self.failure(k, "the shape became unstable and no stable one was found")
+                    return Status.STEP_TOO_SMALL, self.failure(
+                        k, "the shape became unstable and no stable one was found"
+                    )
                 self.append(landed)
                 checked = k
                 continue
@@ -281,14 +267,15 @@ def sweep(
         problem: the problem.
         name: of the cable.
         motion: values of the frames.
-        tolerance: of the centreline, in lengths of the cable; the mesh is refined and the frames solved again until it holds.
+        tolerance: of the centreline, in lengths of the cable; the mesh is refined and the frames solved again until
+            it holds.
         solver: name.
         elements: least number of elements; None leaves it to the tolerance.
         guesses: solves of a like motion, frame by frame, to start from.
         margins: False leaves the stability margins out (NaN); whether the frames are stable is checked all the same.
         progress: called with the cable's name, frames done, frames in all.
     """
-    follower = _Follower(problem, name, motion, solver, progress)
+    follower = _Follower(problem, name, motion, solver, elements or 0, progress)
     try:
         status, message = follower.run_all(guesses)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
@@ -298,10 +285,14 @@ def sweep(
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
         return Sweep((), np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
-    frames, errors = _accurate(frames, tolerance, solver, elements)
+    frames, errors = _accurate(frames, tolerance, solver)
     if status.ok and not np.max(errors) <= tolerance:
         worst = int(np.argmax(errors))
-        status, message = Status.INACCURATE, follower.failure(worst, Status.INACCURATE.value)
+        status = Status.INACCURATE
+        message = (
+            f"cable {name}, frame {worst} of {len(motion)}: {status.value} (estimated error {errors[worst]:.1e} of its "
+            f"length, asked for {tolerance:.1e}); try a looser tolerance"
+        )
     rods = batch(frames)
     if margins:
         answer = stability(rods, frames[0].case.boundary.kind)
@@ -316,11 +307,10 @@ def sweep(
     return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
 
 
-def _accurate(
-    frames: list[Solved], tolerance: float, solver: str, elements: int | None
-) -> tuple[list[Solved], Array]:
-    """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where possible."""
-    wanted = elements or 0
+def _accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[Solved], Array]:
+    """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
+    possible.
+    """
     while True:
         with np.errstate(over="ignore", invalid="ignore"):
             defects = batch(frames).defects()
@@ -328,15 +318,14 @@ def _accurate(
         errors = np.array([error for error, _ in estimates])
         mesh = frames[0].bound.mesh
         n = len(mesh) - 1
-        if np.max(errors) > tolerance:
-            wanted = max(wanted, n + 1)
-        finer = [m for m in ELEMENTS if m >= wanted and m > n]
-        if n >= wanted or not finer:
+        finer = [m for m in ELEMENTS if m > n]
+        if np.max(errors) <= tolerance or not finer:
             return frames, errors
         local = np.max([local for _, local in estimates], axis=0)
         mesh = refined_mesh(mesh, local, finer[0])
         again = [
-            solve_on(frame.case, mesh, x, solver) for frame, x in zip(frames, resample(batch(frames), mesh), strict=True)
+            solve_on(frame.case, mesh, x, solver)
+            for frame, x in zip(frames, resample(batch(frames), mesh), strict=True)
         ]
         if not all(frame.ok and not frame.turned for frame in again):
             return frames, errors
@@ -360,20 +349,6 @@ def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
         np.array([frame.solution.residual for frame in swept.frames]),
         swept.errors,
     )
-
-
-def left_out(problem: Problem) -> tuple[str, ...]:
-    """Return the words for what this scene did not need."""
-    words = []
-    if not any(problem.gravity) or not any(run.cable.mass_per_length for run in problem.cables.values()):
-        words.append("weight")
-    if not problem.parts:
-        words.append("parts")
-    if len(problem.cables) == 1:
-        words.append("other cables")
-    if not problem.moves:
-        words.append("motion")
-    return tuple(words)
 
 
 @one_thread
@@ -445,6 +420,3 @@ def collect(problem: Problem, motion: Array, sweeps: Mapping[str, Sweep], second
         left_out(problem),
         {"solve": seconds},
     )
-
-
-__all__ = ["SOLVERS", "Sweep", "batch", "cable_motion", "collect", "place_frames", "simulate", "sweep"]

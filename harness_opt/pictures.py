@@ -8,8 +8,6 @@ a segmentation fault where it finds none, or no libX11 or libXcursor. So :func:`
 them first and tells VTK which to take.
 """
 
-# ruff: noqa: PLC0415
-
 from __future__ import annotations
 
 import ctypes
@@ -38,7 +36,7 @@ from .scene import Geometry, Mesh, Primitive, Scene, load_scene
 if TYPE_CHECKING:
     import pyvista as pv
 
-    from .redesign import Redesign
+    from .outer_loop import Redesign
 
 SIZE = (1600, 900)  # pixels: a slide of 16 : 9
 VIEW_ANGLE = 18.0  # degrees; a long lens, so that sizes compare across the picture
@@ -46,43 +44,31 @@ ELEVATION = 20.0  # degrees above the plane of view, so that depth shows
 ASIDE = 16.0  # degrees off the normal of the plane of motion, for the same
 MARGIN = 0.07  # share of the picture left free on each side
 TITLE_ROOM = 0.10  # share of its height kept free for the words above
-SIDES = 24  # of a tube
-POINTS = 241  # along a drawn cable, so that colours change where they should
-LETTER = 1.06  # mean width of a letter in pixels, for each point of its size
-PADDING = 9  # pixels around the words at the worst
-CHANGES_NAMED = 2  # design variables in a title
-RING = 2.6  # radii of the cable, of the ring around the worst
-LEAST_RING = 16  # pixels
-FEATURE_ANGLE = 30.0  # degrees between faces from which an edge is drawn
+NEAR, NEXT = 1.0, 0.15  # extents of the cables: parts that reach up to here are shown whole, others so far
 GHOSTS = (0.0, 1 / 3, 2 / 3, 1.0)  # moments of the motion that are drawn faintly
 GHOST_GAP = 0.1  # of the motion, within which a ghost would hide in the moment shown
-
-CABLES = (
-    "#1f6fb4",
-    "#2a9d5c",
-    "#8a4fbf",
-    "#0e8f9c",
-    "#a8741a",
-    "#5b6770",
-)  # told apart by the colour blind too
-AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#a8741a")
-TOUCHES, SHORT = "#e0141e", "#f28e1c"
-STILL_PART, MOVING_PART, HIT_PART, EDGE, INK = "#c9cdd2", "#a9b4c2", "#f0a8a4", "#3c434b", "#1e2328"
-
-REMEDY = "install it (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri), or use --no-pictures"
-SLEEVE = "#4a525b"
-TUBE: dict[str, Any] = {"ambient": 0.12, "specular": 0.25, "render": False}
-ENDS = {"start": 0, "end": -1}  # and their stations
-KEPT = (
-    "s",
-    "position",
-    "quaternion",
-    "curvature",
-    "force",
-    "moment",
-)  # arrays of a cable, as the contract says
 TICK = 40  # ms between two pictures while the window plays
+
+SIDES = 24  # of a tube
+POINTS = 241  # along a drawn cable, so that colours change where they should
+FEATURE_ANGLE = 30.0  # degrees between faces from which an edge is drawn
+RING = 2.6  # radii of the cable, of the ring around the worst
+LEAST_RING = 16  # pixels
+LETTER = 1.0  # mean width of a letter in pixels, for each point of its size
+PADDING = 9  # pixels around the words at the worst
+CHANGES_NAMED = 2  # design variables in a title
+
+TOUCHES, SHORT = "#e0141e", "#f28e1c"
+CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # far from the two of trouble
+AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
+STILL_PART, MOVING_PART, HIT_PART = "#c9cdd2", "#a9b4c2", "#f0a8a4"
+SLEEVE, EDGE, INK = "#4a525b", "#3c434b", "#1e2328"
+TUBE: dict[str, Any] = {"ambient": 0.12, "specular": 0.25, "render": False}
+
+ENDS = {"start": 0, "end": -1}  # of a cable, and their stations
+KEPT = ("s", "position", "quaternion", "curvature", "force", "moment")  # of a cable, in every motion.npz
 WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
+REMEDY = "install it (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri), or use --no-pictures"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +97,7 @@ class Moment:
             name: CableMotion(shapes.s, *(value[only] for key, value in vars(shapes).items() if key != "s"))
             for name, shapes in motion.cables.items()
         }
-        return Moment(
-            motion, scene, frame, measure(motion.problem, scene, motion.motion[only], cables), palette
-        )
+        return Moment(motion, scene, frame, measure(motion.problem, scene, motion.motion[only], cables), palette)
 
     @property
     def colours(self) -> dict[str, str]:
@@ -123,9 +107,7 @@ class Moment:
     @property
     def touched(self) -> set[str]:
         """Names of the parts that a cable runs into."""
-        return {
-            pair.obstacle for pair in self.still.pairs if pair.worst < 0 and pair.obstacle in self.scene.parts
-        }
+        return {pair.obstacle for pair in self.still.pairs if pair.worst < 0 and pair.obstacle in self.scene.parts}
 
     def pose(self, body: str) -> tuple[Array, Array]:
         """Return the position (3,) and quaternion (4,) of ``body``."""
@@ -165,7 +147,7 @@ def worst_view(
     """Return the view of the row of ``rows`` that people look at first.
 
     A violated limit comes before one that holds, clearance before bend radius before the rest, and then the
-    smallest margin.
+    smallest margin. Without rows, the smallest clearance to a part, or else the smallest bend radius.
     """
     order = {"clearance": 0, "bend_radius": 1}
 
@@ -173,18 +155,16 @@ def worst_view(
         scale = row.limit + motion.problem.cables[row.cable].cable.radius
         return row.margin >= 0, order.get(row.name, 2), row.margin / scale
 
-    row = min(rows, key=urgency)
+    row = min(rows or _rows_of_zero(motion, scene), key=urgency)
     return View(Moment.of(motion, scene, row.frame, palette), row, title)
 
 
-def _rows(motion: Motion, clearances: ClearanceResult) -> tuple[LimitResult, ...]:
-    """Return the limits' rows; where no limit is local, those of not touching and not breaking."""
-    rows = (*clearances.limits, *cable_limits(motion.problem, motion))
-    if rows:
-        return rows
-    limits = replace(motion.problem.limits, bend_radius=0.0)
-    touching = replace(clearances, pairs=tuple(replace(pair, limit=0.0) for pair in clearances.pairs))
-    return (*touching.limits, *cable_limits(replace(motion.problem, limits=limits), motion))
+def _rows_of_zero(motion: Motion, scene: Scene) -> tuple[LimitResult, ...]:
+    """Return the rows that limits of 0 would have: of the clearances to parts, and of the bend radius."""
+    found = measure(motion.problem, scene, motion.motion, motion.cables)
+    touching = replace(found, pairs=tuple(replace(pair, limit=0.0) for pair in found.pairs))
+    problem = replace(motion.problem, limits=replace(motion.problem.limits, bend_radius=0.0))
+    return (*touching.limits, *cable_limits(problem, motion))
 
 
 # --- stills ---------------------------------------------------------------------------------------------
@@ -212,7 +192,8 @@ def write_pictures(
         if clearances is None:
             clearances = measure(motion.problem, scene, motion.motion, motion.cables)
         title = motion.problem.title or "Worst moment"
-        views = [worst_view(motion, scene, _rows(motion, clearances), title)]
+        rows = (*clearances.limits, *cable_limits(motion.problem, motion))
+        views = [worst_view(motion, scene, rows, title)]
         drawn = {"worst.png": views}
     else:
         changed = _changes(result)
@@ -270,14 +251,11 @@ def still(views: Sequence[View], alike: Sequence[View] = ()) -> pv.Plotter:
 
 
 def _draw_moment(plotter: pv.Plotter, moment: Moment, meshes: Mapping[str, pv.PolyData]) -> None:
-    """Draw the parts and cables of ``moment`` as they are."""
-    problem, touched = moment.motion.problem, moment.touched
+    """Draw the parts and cables of ``moment`` as they are, and a sleeve around each clamped end."""
+    problem = moment.motion.problem
     for name, part in moment.scene.parts.items():
-        moves = problem.body(part.body).motion is not None
-        colour = HIT_PART if name in touched else MOVING_PART if moves else STILL_PART
-        # what a cable runs into is glass, or the worst of it could not be seen
         placed = meshes[name].transform(_matrix(*moment.pose(part.body)), inplace=False)
-        _add_solid(plotter, f"part:{name}", placed, colour, 0.42 if name in touched else 1.0)
+        _add_solid(plotter, f"part:{name}", placed, *_look(moment, part))
     for name, shapes in moment.motion.cables.items():
         radius = problem.cables[name].cable.radius
         tube = _tube(*cable_colours(moment, name), radius)
@@ -286,35 +264,37 @@ def _draw_moment(plotter: pv.Plotter, moment: Moment, meshes: Mapping[str, pv.Po
         for end, station in ENDS.items():
             inward = rotations.tangent(shapes.quaternion[moment.frame, station]) * (1 if station == 0 else -1)
             place = shapes.position[moment.frame, station]
-            sleeve = _tube(
-                np.array([place - 0.4 * radius * inward, place + 2.2 * radius * inward]), None, 1.5 * radius
-            )
+            sleeve = _tube(np.array([place - 0.4 * radius * inward, place + 2.2 * radius * inward]), None, 1.5 * radius)
             plotter.add_mesh(sleeve, name=f"clamp:{name}:{end}", color=SLEEVE, **TUBE)
 
 
 def _draw_ghosts(plotter: pv.Plotter, moment: Moment, meshes: Mapping[str, pv.PolyData]) -> None:
     """Draw the moving parts and the cables faintly at other moments of the motion."""
     motion, problem = moment.motion, moment.motion.problem
-    for at in GHOSTS if problem.moves else ():
-        frame = int(np.argmin(np.abs(motion.motion - at)))
+    for frame in {int(np.argmin(np.abs(motion.motion - at))) for at in GHOSTS}:
         if abs(motion.motion[frame] - motion.motion[moment.frame]) < GHOST_GAP:
             continue
         ghost = replace(moment, frame=frame)
         for name, part in moment.scene.parts.items():
             if problem.body(part.body).motion is not None:
                 placed = meshes[name].transform(_matrix(*ghost.pose(part.body)), inplace=False)
-                _add_solid(plotter, f"ghost part:{name}:{at:.2f}", placed, MOVING_PART, 0.13)
+                _add_solid(plotter, f"ghost part:{name}:{frame}", placed, 0.13, MOVING_PART)
         for name, shapes in motion.cables.items():
             tube = _tube(shapes.position[frame], None, problem.cables[name].cable.radius)
-            name_there = f"ghost cable:{name}:{at:.2f}"
+            name_there = f"ghost cable:{name}:{frame}"
             plotter.add_mesh(tube, name=name_there, color=moment.colours[name], opacity=0.22, render=False)
 
 
-def _add_solid(plotter: pv.Plotter, name: str, mesh: pv.PolyData, colour: str, opacity: float) -> None:
+def _look(moment: Moment, part: Geometry) -> tuple[float, str]:
+    """Return the opacity and the colour of a part; what a cable runs into is glass, to see it inside."""
+    if part.name in moment.touched:
+        return 0.42, HIT_PART
+    return 1.0, STILL_PART if moment.motion.problem.body(part.body).motion is None else MOVING_PART
+
+
+def _add_solid(plotter: pv.Plotter, name: str, mesh: pv.PolyData, opacity: float, colour: str) -> None:
     """Draw a solid with smooth faces and its sharp edges."""
-    actor = plotter.add_mesh(
-        mesh, name=name, color=colour, opacity=opacity, ambient=0.15, specular=0.1, render=False
-    )
+    actor = plotter.add_mesh(mesh, name=name, color=colour, opacity=opacity, ambient=0.15, specular=0.1, render=False)
     actor.prop.interpolation = "phong"
     edges = mesh.extract_feature_edges(FEATURE_ANGLE, manifold_edges=False, non_manifold_edges=False)
     if edges.n_cells:
@@ -341,7 +321,7 @@ def cable_colours(moment: Moment, name: str) -> tuple[Array, Array]:
     curvature = np.interp(s, shapes.s, np.linalg.norm(shapes.curvature[frame, :, :2], axis=-1))
     touches, short = np.zeros(len(s), dtype=bool), curvature * (problem.limits.bend_radius or 0.0) > 1.0
     for pair in moment.still.pairs:
-        if name not in (pair.cable, pair.obstacle.removeprefix("cable:")):
+        if name != pair.cable and pair.obstacle != f"cable:{name}":
             continue
         clearance = _clearance_along(moment, pair, name, s, points)
         counts = (s >= pair.excluded[0]) & (s <= s[-1] - pair.excluded[1])
@@ -395,8 +375,7 @@ def _point_at_worst(plotter: pv.Plotter, view: View, camera: Camera, occupied: A
     start = at + (end - at) * min(1.0, size / pixel / max(1e-9, float(np.linalg.norm((end - at) * pixels))))
     leader = pyvista.Line(camera.unproject(start, middle), camera.unproject(end, middle))
     plotter.add_mesh(camera.in_front(leader), name="leader", line_width=4, **style)
-    text = _write(plotter, words, tuple(corner + PADDING / pixels), 13, style["color"])
-    text.prop.bold, text.prop.background_color, text.prop.background_opacity = True, "white", 0.85
+    _write(plotter, words, tuple(corner + PADDING / pixels), 13, style["color"]).prop.bold = True
 
 
 def _free_place(at: Array, words: str, occupied: Array) -> tuple[Array, Array]:
@@ -421,7 +400,7 @@ def _free_place(at: Array, words: str, occupied: Array) -> tuple[Array, Array]:
 def _write_words(plotter: pv.Plotter, view: View) -> None:
     """Write what is seen above the picture, and what its colours mean below it."""
     row, moment, moves = view.row, view.moment, view.moment.motion.problem.moves
-    words = [f"{row.cable} {_value_words(row)}"]
+    words = [f"{row.cable}: {_value_words(row)}"]
     if row.limit:
         words.append(f"limit {_quantity(row.name, row.limit)} {'violated' if view.violated else 'held'}")
     if moves:
@@ -444,7 +423,9 @@ def _write(plotter: pv.Plotter, words: str, at: tuple[float, ...], size: int, co
     """
     fitting = int((0.99 - at[0]) * _width(plotter) / (LETTER * max(1, len(words))))
     size = max(6, min(size, fitting))
-    return plotter.add_text(words, position=at, viewport=True, font_size=size, color=colour, render=False)
+    text = plotter.add_text(words, position=at, viewport=True, font_size=size, color=colour, render=False)
+    text.prop.background_color, text.prop.background_opacity = "white", 0.75
+    return text
 
 
 def _width(plotter: pv.Plotter) -> int:
@@ -486,9 +467,7 @@ def show(folder: str | os.PathLike[str]) -> None:
     with _quiet():
         visible = not sys.platform.startswith("linux") or _screen()
     if not visible:
-        raise HarnessError(
-            "found no display to open a window on, expected one (the pictures in the folder need none)"
-        )
+        raise HarnessError("found no display to open a window on, expected one (the pictures in the folder need none)")
     Window(motion, worst).plotter.show()
 
 
@@ -514,9 +493,7 @@ def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, float]:
             for name in (key.removesuffix("/position") for key in arrays if key.endswith("/position"))
         }
     except OSError as error:
-        raise HarnessError(
-            f"{folder}: found no {error.filename or error}, expected a result folder"
-        ) from error
+        raise HarnessError(f"{folder}: found no {error.filename or error}, expected a result folder") from error
     except (ValueError, KeyError, TypeError) as error:
         raise HarnessError(f"{folder}: found a damaged result ({error!r}), expected a whole one") from error
     if source is None:
@@ -537,30 +514,27 @@ class Window:
     """
 
     def __init__(self, motion: Motion, worst: float, *, off_screen: bool = False):
+        """Set the scene and show the worst moment."""
         self.motion, self.worst, self.playing, self.at = motion, worst, False, 0.0
+        self.slider: Any = None
         self.scene = load_scene(motion.problem)
         self._moments: dict[int, Moment] = {}
         pyvista = _pyvista()
         title = motion.problem.title or "harness-opt"
         with _drawable() if off_screen else nullcontext():
-            self.plotter = pyvista.Plotter(
-                off_screen=off_screen, window_size=list(SIZE), title=title, lighting="none"
-            )
+            self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(SIZE), title=title, lighting="none")
         self.plotter.set_background("white")
         _light(self.plotter)
         meshes = {name: solid(part) for name, part in self.scene.parts.items()}
         for name, part in self.scene.parts.items():
-            moves = motion.problem.body(part.body).motion is not None
-            _add_solid(self.plotter, f"part:{name}", meshes[name], MOVING_PART if moves else STILL_PART, 1.0)
+            _add_solid(self.plotter, f"part:{name}", meshes[name], *_look(self._moment(0), part))
         for name in motion.cables:
             size = 5.0 * motion.problem.cables[name].cable.diameter
             for end in ENDS:
-                actor = self.plotter.add_mesh(
-                    _triad(size), name=f"clamp:{name}:{end}", scalars="colour", rgb=True
-                )
+                actor = self.plotter.add_mesh(_triad(size), name=f"clamp:{name}:{end}", scalars="colour", rgb=True)
                 actor.prop.lighting = False
         Camera.of([self._moment(0)], meshes, SIZE[0] / SIZE[1]).apply(self.plotter)
-        self.plotter.enable_anti_aliasing("ssaa")
+        self.plotter.enable_anti_aliasing("msaa")
         self._controls()
         self.go(worst)
 
@@ -572,16 +546,15 @@ class Window:
         for name, part in self.scene.parts.items():
             for key in {f"part:{name}", f"edges of part:{name}"} & set(actors):
                 actors[key].user_matrix = _matrix(*moment.pose(part.body))
+            actors[f"part:{name}"].prop.opacity, actors[f"part:{name}"].prop.color = _look(moment, part)
         for name, shapes in self.motion.cables.items():
             tube = _tube(*cable_colours(moment, name), self.motion.problem.cables[name].cable.radius)
-            self.plotter.add_mesh(
-                tube, name=f"cable:{name}", scalars="colour", rgb=True, reset_camera=False, **TUBE
-            )
+            self.plotter.add_mesh(tube, name=f"cable:{name}", scalars="colour", rgb=True, reset_camera=False, **TUBE)
             for end, station in ENDS.items():
                 pose = _matrix(shapes.position[frame, station], shapes.quaternion[frame, station])
                 actors[f"clamp:{name}:{end}"].user_matrix = pose
-        for slider in self.plotter.slider_widgets:
-            slider.GetRepresentation().SetValue(self.at)
+        if self.slider is not None:
+            self.slider.GetRepresentation().SetValue(self.at)
         self.plotter.reset_camera_clipping_range()
         self.plotter.render()
 
@@ -611,9 +584,10 @@ class Window:
         plotter.add_text(keys, position=(0.03, 0.02), viewport=True, font_size=9, color=EDGE)
         if not moves:
             return
-        plotter.add_slider_widget(
+        self.slider = plotter.add_slider_widget(
             self.go, (0.0, 1.0), value=self.at, title="motion", pointa=(0.6, 0.08), pointb=(0.97, 0.08),
-            color=INK, fmt="%.3f", interaction_event="always", style="modern",
+            color=INK, fmt="%.3f", style="modern", slider_width=0.02, tube_width=0.004, title_height=0.02,
+            interaction_event="always",
         )  # fmt: skip
         for key, action in (("space", self.toggle), ("w", lambda: self.go(self.worst))):
             plotter.add_key_event(key, action)
@@ -711,20 +685,21 @@ class Camera:
 def _seen(moments: Sequence[Moment], meshes: Mapping[str, pv.PolyData]) -> Array:
     """Return points (n, 3) that the picture must hold: the cables, and the parts near them.
 
-    A part is cut to the surroundings of the cables: a cable on a ship is not a dot on a ship.
+    Of a part that reaches far away only what is next to the cables counts: a cable on a ship is not to be a
+    dot on a ship.
     """
-    cables = np.vstack(
-        [c.position.reshape(-1, 3) for moment in moments for c in moment.motion.cables.values()]
-    )
+    cables = np.vstack([c.position.reshape(-1, 3) for moment in moments for c in moment.motion.cables.values()])
     lower, upper = cables.min(axis=0), cables.max(axis=0)
-    around = 0.6 * np.linalg.norm(upper - lower)
+    diagonal = float(np.linalg.norm(upper - lower))
     points = [cables]
     for moment in moments:
         at = moment.motion.motion[:: max(1, len(moment.motion.motion) // 8)]
         for name, part in moment.scene.parts.items():
             position, q = moment.motion.problem.body(part.body).poses(at)
-            corners = rotations.rotate(q[:, None], _extremes(meshes[name])) + position[:, None]
-            points += [np.clip(c, lower - around, upper + around) for c in corners]
+            reached = (rotations.rotate(q[:, None], _extremes(meshes[name])) + position[:, None]).reshape(-1, 3)
+            far = max(float(np.max(lower - reached)), float(np.max(reached - upper)))
+            around = diagonal * (NEAR if far <= NEAR * diagonal else NEXT)
+            points.append(np.clip(reached, lower - around, upper + around))
     return np.vstack(points)
 
 
@@ -734,8 +709,9 @@ def _extremes(mesh: pv.PolyData) -> Array:
     turns = np.arange(128) + 0.5
     z = 1 - turns / 64
     around = math.pi * (1 + math.sqrt(5)) * turns  # the golden angle spreads directions evenly
-    directions = np.array([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z])
-    return points[np.unique(np.argmax(points @ directions, axis=0))]
+    directions = np.column_stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z])
+    # one at a time: all at once would take a gigabyte for a million points
+    return points[np.unique([np.argmax(points @ direction) for direction in directions])]
 
 
 def _plane_normal(moments: Sequence[Moment]) -> Array:
@@ -782,9 +758,7 @@ def _hidden(moments: Sequence[Moment], meshes: Mapping[str, pv.PolyData], back: 
             home = rotations.conjugate(q)
             ray = meshes[name].length * 4.0 * rotations.rotate(home, back)
             starts = rotations.rotate(home, points - position)
-            hidden += sum(
-                len(meshes[name].ray_trace(start, start + ray, first_point=True)[0]) > 0 for start in starts
-            )
+            hidden += sum(len(meshes[name].ray_trace(start, start + ray, first_point=True)[0]) > 0 for start in starts)
     return hidden
 
 
@@ -804,9 +778,7 @@ def solid(part: Geometry) -> pv.PolyData:
         elif isinstance(shape, Cylinder):
             mesh = pyvista.Cylinder(direction=along, radius=shape.radius, height=shape.length, resolution=96)
         elif isinstance(shape, Capsule):
-            mesh = pyvista.Capsule(
-                direction=along, radius=shape.radius, cylinder_length=shape.length, resolution=48
-            )
+            mesh = pyvista.Capsule(direction=along, radius=shape.radius, cylinder_length=shape.length, resolution=48)
         else:
             mesh = pyvista.Sphere(radius=shape.radius, theta_resolution=64, phi_resolution=64)
         mesh = mesh.triangulate().clean().transform(_matrix(part.position, part.quaternion), inplace=False)
@@ -896,9 +868,7 @@ def _drawable() -> Iterator[None]:
     with _quiet():
         window = before or _off_screen_window()
     if window:
-        os.environ[WINDOW_VARIABLE] = (
-            window  # VTK reads it when a window is made, and has no other way to ask
-        )
+        os.environ[WINDOW_VARIABLE] = window  # VTK reads it when a window is made, and has no other way to ask
     try:
         yield
     finally:

@@ -38,9 +38,7 @@ def parse_poses(content: bytes, file: Path) -> Poses:
         lines = content.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise ProblemError(
-            f"{file.name}, line {line}: found bytes that are not UTF-8, expected text"
-        ) from None
+        raise ProblemError(f"{file.name}, line {line}: found bytes that are not UTF-8, expected text") from None
     numbered = [(i, line.partition("#")[0].strip()) for i, line in enumerate(lines, 1)]
     filled = [(i, [cell.strip() for cell in line.split(",")]) for i, line in numbered if line]
     if not filled:
@@ -48,9 +46,7 @@ def parse_poses(content: bytes, file: Path) -> Poses:
     number, header = filled[0]
     if tuple(cell.lower() for cell in header) != HEADER:
         found = shown(",".join(header))
-        raise ProblemError(
-            f"{file.name}, line {number}: found {found}, expected the header {','.join(HEADER)}"
-        )
+        raise ProblemError(f"{file.name}, line {number}: found {found}, expected the header {','.join(HEADER)}")
 
     mistakes: list[str] = []
     rows: list[list[float]] = []

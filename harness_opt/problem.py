@@ -47,7 +47,7 @@ def _quaternion(name: str, value: ArrayLike) -> Quaternion:
     q = _numbers(name, value, 4)
     if abs(math.hypot(*q) - 1.0) > UNIT_TOLERANCE:
         raise ProblemError(f"{name}: found a quaternion of length {math.hypot(*q):.6g}, expected a unit quaternion")
-    return tuple(rotations.unit(q).tolist())  # type: ignore[return-value]
+    return tuple(rotations.unit(q).tolist())
 
 
 def _positive(name: str, value: float, *, zero: bool = False) -> float:
@@ -427,9 +427,7 @@ class Problem:
         run = self.cables[cable]
         start_poses = zip(*self.body(run.start.body).poses(motion), strict=True)
         end_poses = zip(*self.body(run.end.body).poses(motion), strict=True)
-        return [
-            (run.start.placed(*a), run.end.placed(*b)) for a, b in zip(start_poses, end_poses, strict=True)
-        ]
+        return [(run.start.placed(*a), run.end.placed(*b)) for a, b in zip(start_poses, end_poses, strict=True)]
 
     @property
     def moves(self) -> bool:

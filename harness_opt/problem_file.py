@@ -102,9 +102,7 @@ def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
             _replace(target, data)
     except OSError as error:
         where = error.filename or file
-        raise ProblemError(
-            f"{file}: found no way to write {where} ({error.strerror}), expected one"
-        ) from error
+        raise ProblemError(f"{file}: found no way to write {where} ({error.strerror}), expected one") from error
     return file
 
 
@@ -158,9 +156,7 @@ def _toml(content: bytes, file: Path) -> dict[str, Any]:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise ProblemError(
-            f"{file}: line {line}: found bytes that are not UTF-8, expected a TOML text"
-        ) from None
+        raise ProblemError(f"{file}: line {line}: found bytes that are not UTF-8, expected a TOML text") from None
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -250,18 +246,14 @@ def _reach(tree: Tree, motions: Mapping[str, BodyMotion | None]) -> Iterator[Mis
             yield ("cables", name, "length"), f"found {shown(length)}, {words} {at}"
 
 
-def _path_of(
-    end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotations.Array
-) -> rotations.Array | None:
+def _path_of(end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotations.Array) -> rotations.Array | None:
     """Return the world positions (P, 3) of a clamp at ``motion`` (P,), or None where they are not known."""
     position, body = value(end, "position"), end.get("body", WORLD)
     if position is None or not isinstance(body, str) or body not in motions:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
         origins, turns = Body(motions[body]).poses(motion)
-        return origins + rotations.rotate(
-            turns, np.broadcast_to(np.asarray(position, dtype=float), origins.shape)
-        )
+        return origins + rotations.rotate(turns, np.broadcast_to(np.asarray(position, dtype=float), origins.shape))
 
 
 # --- tables to domain classes --------------------------------------------------------------------------

@@ -23,8 +23,7 @@ class Abandoned(BaseException):
 class Interrupts:
     """Where there is something to lose, Ctrl-C asks for a stop at a safe point; a second one stops at once.
 
-    Args:
-        warn: shows a line to the user, from inside a signal handler.
+    A context manager, for as long as it is to hold.
 
     Attributes:
         asked: whether somebody pressed it.
@@ -32,17 +31,20 @@ class Interrupts:
     """
 
     def __init__(self, warn: Callable[[str], None]) -> None:
+        """Take ``warn``, which shows a line to the user from inside a signal handler."""
         self.asked = False
         self.patient = True
         self._warn = warn
 
     def __enter__(self) -> Interrupts:
+        """Take over the handling of Ctrl-C, if this is the main thread."""
         self._main = threading.current_thread() is threading.main_thread()  # elsewhere Python has no handlers
         if self._main:
             self._before = signal.signal(signal.SIGINT, self._handle)
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Give it back."""
         if self._main:
             signal.signal(signal.SIGINT, self._before)
 
@@ -85,10 +87,10 @@ def progress_for(interrupts: Interrupts, stream: TextIO | None) -> Iterator[Prog
 def _bar(stream: TextIO) -> Iterator[Progress]:
     """Give a progress that draws a bar for each name."""
     # a tenth of a second that only terminals need
-    from rich.console import Console  # noqa: PLC0415
-    from rich.markup import escape  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
-    from rich.progress import Progress as Bars  # noqa: PLC0415
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Bars(*columns, console=Console(file=stream), transient=True) as bars:

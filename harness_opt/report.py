@@ -28,7 +28,7 @@ from .rotations import Array
 from .scene import Scene, load_scene
 
 if TYPE_CHECKING:
-    from .redesign import Redesign
+    from .outer_loop import Redesign
 
 Json = dict[str, Any]
 Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
@@ -154,9 +154,7 @@ def versions() -> dict[str, str]:
 def _version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
-    except (
-        importlib.metadata.PackageNotFoundError
-    ):  # run from a checkout, or installed by other means than pip
+    except importlib.metadata.PackageNotFoundError:  # run from a checkout, or installed by other means than pip
         return str(getattr(sys.modules.get(package), "__version__", "not installed"))
 
 
@@ -167,9 +165,7 @@ def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> Json:
     entry |= {key: unit * entry[key] for key in ("limit", "worst", "margin", "tolerance")}
     if measured is not None and row.name == "clearance":
         entry["certified_along_arc"] = any(
-            pair.certified_along_arc
-            for pair in measured.pairs
-            if (pair.cable, pair.obstacle) == (row.cable, row.part)
+            pair.certified_along_arc for pair in measured.pairs if (pair.cable, pair.obstacle) == (row.cable, row.part)
         )
     return entry
 
@@ -283,9 +279,7 @@ def input_files(problem: Problem) -> list[Path]:
     """Return the files that ``problem`` was read from and still needs."""
     files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
     files += [
-        body.motion.file
-        for body in problem.bodies.values()
-        if isinstance(body.motion, Poses) and body.motion.file
+        body.motion.file for body in problem.bodies.values() if isinstance(body.motion, Poses) and body.motion.file
     ]
     return [*files, problem.file] if problem.file else files
 
@@ -294,7 +288,7 @@ def _write_arrays(file: Path, motion: Motion) -> None:
     arrays = {"motion": motion.motion}
     for name, cable in motion.cables.items():
         arrays |= {f"{name}/{field}": np.asarray(value) for field, value in vars(cable).items()}
-    np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]  # the names are not its options
+    np.savez(file, allow_pickle=False, **arrays)
 
 
 @dataclass(frozen=True, eq=False)

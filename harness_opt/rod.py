@@ -105,9 +105,7 @@ class Series:
     omega: Array
 
 
-def series(
-    q: Array, r: Array, force: Array, moment: Array, section: Section, load: Array, order: int
-) -> Series:
+def series(q: Array, r: Array, force: Array, moment: Array, section: Section, load: Array, order: int) -> Series:
     """Expand the exact rod through the given states by recurrence on its equations.
 
     In the section frame the equations are quadratic: (6), (7) with q' = q (0, omega) / 2 and r' = d3, so every

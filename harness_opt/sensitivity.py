@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .boundary import Boundary
 from .design_variables import ClampRates
 from .motion import Sweep
 from .rod import Section
@@ -29,17 +30,21 @@ class ShapeRates:
         position: (P, N, 3, k), world.
         curvature: (P, N, 3, k), section frame.
         force, moment: (P, N, 3, k), world.
+        unknowns: of the discretised equations themselves, (P, m, k): predicts the shapes of a nearby design.
     """
 
     position: Array
     curvature: Array
     force: Array
     moment: Array
+    unknowns: Array
 
 
 @dataclass(frozen=True)
 class _NodeRates:
-    """Dimensionless rates of the states at the nodes, each (P, n + 1, 3 or 4, k), of rest curvature and load (3, k)."""
+    """Dimensionless rates of the states at the nodes, each (P, n + 1, 3 or 4, k), of rest curvature and load (3, k),
+    and
+    of the unknowns (P, m, k)."""
 
     q: Array
     r: Array
@@ -47,36 +52,39 @@ class _NodeRates:
     moment: Array
     rest: Array
     load: Array
+    unknowns: Array
 
 
 def _node_rates(swept: Sweep, clamps: ClampRates) -> _NodeRates:
-    first = swept.frames[0]
+    first = swept.frames[0].case
     length, count = swept.units.length, len(clamps.length)
     # f L^3 / B and omega_rest L grow with the length
-    rest = np.outer(first.case.section.rest_curvature, clamps.length / length)
-    load = np.outer(first.case.load, 3.0 * clamps.length / length)
-    q, r, force, moment = [], [], [], []
+    rest = np.outer(first.section.rest_curvature, clamps.length / length)
+    load = np.outer(first.load, 3.0 * clamps.length / length)
+    q, r, force, moment, unknowns = [], [], [], [], []
     for k, frame in enumerate(swept.frames):
         bound, x = frame.bound, frame.solution.x
         gap = (clamps.end[k] - clamps.start[k]) / length - np.outer(bound.boundary.gap, clamps.length / length)
         change = bound.rates(
             x, gap=gap, start_turn=clamps.start_turn, end_turn=clamps.end_turn, rest=rest, load=load,
-            loads=_applied_rates(frame, clamps, length),
+            loads=_applied_rates(bound.boundary, clamps, length),
         )  # fmt: skip
         dx = -frame.factor.solve(change)
+        unknowns.append(dx)
         stride = bound.transcription.stages + 1
         _, places, turns = bound.centreline_rates(x, dx)
         r.append(places[::stride])
         q.append(turns[::stride])
         moment.append(bound.moment_rates(dx))
         force.append(dx[-3:] - bound.mesh[:, None, None] * load)
-    stacked = [np.stack(v).reshape(len(swept.frames), -1, c, count) for v, c in ((q, 4), (r, 3), (force, 3), (moment, 3))]
-    return _NodeRates(*stacked, rest, load)
+    stacked = [
+        np.stack(v).reshape(len(swept.frames), -1, c, count) for v, c in ((q, 4), (r, 3), (force, 3), (moment, 3))
+    ]
+    return _NodeRates(stacked[0], stacked[1], stacked[2], stacked[3], rest, load, np.stack(unknowns))
 
 
-def _applied_rates(frame: object, clamps: ClampRates, length: float) -> dict[str, Array]:
+def _applied_rates(boundary: Boundary, clamps: ClampRates, length: float) -> dict[str, Array]:
     """Return the rates of the dimensionless end loads: F L^2 / B and M L / B grow with the length."""
-    boundary = frame.case.boundary  # type: ignore[attr-defined]
     return {
         f"{side}_{load}": np.outer(getattr(boundary, f"{side}_{load}"), power * clamps.length / length)
         for side in ("start", "end")
@@ -118,4 +126,5 @@ def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array) -> ShapeRates
         (out["omega"] - here.omega[..., None] * longer) / units.length,
         units.force * (out["force"] - 2.0 * here.force[..., None] * longer),
         units.moment * (out["moment"] - here.moment[..., None] * longer),
+        nodes.unknowns,
     )

@@ -78,8 +78,8 @@ class Rod:
     def defects(self, series: rod.Series | None = None) -> tuple[Array, Array, Array]:
         """Return how much the exact solutions through neighbouring nodes disagree at the middle of each element.
 
-        This is the local truncation error of the collocation step, as states: quaternion (..., n, 4), moment in the world
-        frame (..., n, 3) and position (..., n, 3), right minus left.
+        This is the local truncation error of the collocation step, as states: quaternion (..., n, 4), moment in the
+            world frame (..., n, 3) and position (..., n, 3), right minus left.
         """
         series = self.series() if series is None else series
         half = 0.5 * np.diff(self.mesh)

@@ -5,13 +5,13 @@ end's position, to second order by
 
     Q = 1/2 int  e . K e  +  M . (e x phi)  -  F . (phi x (phi x d3))  ds,      e = phi' + omega x phi,
 
-all in the section frame, K = diag(kx, ky, kz); phi vanishes where the orientation is given, and int phi x d3 ds (world) vanishes where both positions
-are. The shape is stable where Q > 0 for all such phi. (Derived from R exp(phi) to second order; compare Kumar and
-Healey, "A generalized computational approach to stability of static equilibria of nonlinearly elastic rods in the
-presence of constraints", CMAME 199, 2010.)
+all in the section frame, K = diag(kx, ky, kz); phi vanishes where the orientation is given, and int phi x d3 ds
+(world) vanishes where both positions are. The shape is stable where Q > 0 for all such phi. (Derived from R
+exp(phi) to second order; compare Kumar and Healey, "A generalized computational approach to stability of static
+equilibria of nonlinearly elastic rods in the presence of constraints", CMAME 199, 2010.)
 
-phi is discretised by cubic elements, so the lowest eigenvalue of Q against int phi . phi is an upper bound that converges with
-the sixth power of the element.
+phi is discretised by cubic elements, so the lowest eigenvalue of Q against int phi . phi is an upper bound that
+converges with the sixth power of the element.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from .shape import Rod
 
 DEGREE = 3  # of the polynomials of phi on an element
 POINTS = 5  # Gauss points an element: exact for the products of polynomials, and for omega to high order
-# A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this much below
-# zero, relative to the largest load on the rod, still counts as zero.
+# A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this
+# much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
 
 
@@ -73,7 +73,7 @@ def _cross_matrix(v: Array) -> Array:
 
 
 def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
-    """Return Q's matrix (..., D, D), the position constraint (..., 3, D) and the mass matrix (D, D), D = 3 (3 n + 1)."""
+    """Return Q (..., D, D), the position constraint (..., 3, D) and the mass matrix (D, D), D = 3 (3 n + 1)."""
     tableau = gauss(POINTS)
     steps = np.diff(rod.mesh)
     count = len(steps)
@@ -99,13 +99,21 @@ def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
     blocks = np.einsum("e,g,ga,gb,ij->eaibj", 1.0 / steps, tableau.weights, slope, slope, stiffness)
     coupling = np.einsum("g,ga,gb,...egij->...eaibj", tableau.weights, value, slope, rate, optimize=True)
     blocks = blocks + coupling + np.einsum("...eaibj->...ebjai", coupling)
-    blocks = blocks + np.einsum("e,g,ga,gb,...egij->...eaibj", steps, tableau.weights, value, value, plain, optimize=True)
+    blocks = blocks + np.einsum(
+        "e,g,ga,gb,...egij->...eaibj", steps, tableau.weights, value, value, plain, optimize=True
+    )
     lever = frame @ np.swapaxes(_cross_matrix(np.broadcast_to(d3, (3,))), -1, -2)  # R (phi x d3) = -R [d3] phi
     ends = np.einsum("e,g,ga,...egci->...ecai", steps, tableau.weights, value, lever, optimize=True)
     size = 3 * (DEGREE * count + 1)
-    matrix, constraint, mass = np.zeros((*lead, size, size)), np.zeros((*lead, 3, size)), np.zeros((size, size))
+    matrix, constraint, mass = (
+        np.zeros((*lead, size, size)),
+        np.zeros((*lead, 3, size)),
+        np.zeros((size, size)),
+    )
     local = 3 * (DEGREE + 1)
-    masses = np.einsum("e,g,ga,gb,ij->eaibj", steps, tableau.weights, value, value, np.eye(3)).reshape(count, local, local)
+    masses = np.einsum("e,g,ga,gb,ij->eaibj", steps, tableau.weights, value, value, np.eye(3)).reshape(
+        count, local, local
+    )
     for e in range(count):
         span = slice(3 * DEGREE * e, 3 * DEGREE * e + local)
         matrix[..., span, span] += blocks[..., e, :, :, :, :].reshape(*lead, local, local)
@@ -119,7 +127,11 @@ def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
     matrix, constraint, mass = _assemble(rod)
     size = mass.shape[0]
     first, last = (3 if kind.start_orientation else 0), size - (3 if kind.end_orientation else 0)
-    matrix, constraint, mass = matrix[..., first:last, first:last], constraint[..., first:last], mass[first:last, first:last]
+    matrix, constraint, mass = (
+        matrix[..., first:last, first:last],
+        constraint[..., first:last],
+        mass[first:last, first:last],
+    )
     # with phi = L^-T u, mass = L L^T, the eigenvalues against the mass are ordinary ones
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
@@ -139,7 +151,7 @@ def stability(rod: Rod, kind: Kind) -> Stability:
     """
     matrix, _, scale = _reduced(rod, kind)
     values = np.linalg.eigvalsh(matrix)
-    return Stability(values[..., 0], np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
+    return Stability(np.asarray(values[..., 0], dtype=float), np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
 
 
 def surely_stable(rod: Rod, kind: Kind) -> bool:
@@ -154,7 +166,8 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
 
 
 def lowest_mode(rod: Rod, kind: Kind) -> Array:
-    """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh, section frame; its
+    """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh, section
+    frame; its
     longest vector has length 1."""
     matrix, basis, _ = _reduced(rod, kind)
     vector = np.linalg.eigh(matrix)[1][:, 0]

@@ -1,11 +1,14 @@
 """A length-true curve with section frames between two ends: where the search for a first shape begins.
 
-A cubic Hermite curve through the ends, bowed sideways until it has the cable's length, with rotation-minimising frames (double
+A cubic Hermite curve through the ends, bowed sideways until it has the cable's length, with rotation-minimising
+frames (double
 reflection: Wang, Juettler, Zheng and Liu, ACM Trans. Graph. 27, 2008) and the left-over twist, plus whole turns,
 spread evenly along it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -39,7 +42,7 @@ def _sideways(gap: Array, t0: Array, t1: Array, wish: Array) -> Array:
     raise AssertionError("of two perpendicular directions one has a part across any axis")
 
 
-def _bisect(too_long, low: float, high: float) -> float:  # type: ignore[no-untyped-def]
+def _bisect(too_long: Callable[[float], bool], low: float, high: float) -> float:
     for _ in range(50):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if too_long(middle) else (middle, high)
@@ -91,6 +94,31 @@ def rotation_minimising(points: Array, tangents: Array, first: Array) -> Array:
     return np.array(frames)
 
 
+def _chord_and_tangents(boundary: Boundary, wish: Array) -> tuple[Array, Array, Array]:
+    """Return the vector between the ends and the tangents there, with something sensible for what is not given."""
+    kind, ahead = boundary.kind, np.array([0.0, 0.0, 1.0])
+    t0 = rotations.rotate(boundary.start_quaternion, ahead) if kind.start_orientation else None
+    t1 = rotations.rotate(boundary.end_quaternion, ahead) if kind.end_orientation else None
+    if kind.start_position and kind.end_position:
+        gap = boundary.gap
+    elif t0 is not None and t1 is not None and t0 @ t1 < 1.0 - 1e-9:
+        mean = t0 + t1
+        gap = DIRECT * rotations.normalise(mean if np.linalg.norm(mean) > 1e-6 else _sideways(mean, t0, t1, wish))
+    else:
+        gap = next((t for t in (t0, t1) if t is not None), ahead)
+    toward = rotations.normalise(gap) if np.linalg.norm(gap) > 1e-9 else ahead
+    return gap, toward if t0 is None else t0, toward if t1 is None else t1
+
+
+def _first_frame(boundary: Boundary, points: Array, tangents: Array) -> Array:
+    """Return the section frame (4,) at the start: the clamp's, or the one that leads to the end's clamp untwisted."""
+    if boundary.kind.start_orientation:
+        return boundary.start_quaternion
+    if boundary.kind.end_orientation:
+        return rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)[-1]
+    return rotations.from_tangent(tangents[0])
+
+
 def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | None = None) -> tuple[Array, Array]:
     """Return positions (nodes, 3), from the start, and quaternions (nodes, 4) of a curve of length 1.
 
@@ -100,46 +128,22 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
         turns: whole turns added to the smallest twist, at most half a turn, that joins the ends.
         bow: direction to which the curve is bowed where its length leaves the choice; None takes the curve's own plane.
     """
-    kind = boundary.kind
-    ahead = np.array([0.0, 0.0, 1.0])
-    t0 = rotations.rotate(boundary.start_quaternion, ahead) if kind.start_orientation else None
-    t1 = rotations.rotate(boundary.end_quaternion, ahead) if kind.end_orientation else None
     wish = np.zeros(3) if bow is None else np.asarray(bow, dtype=float)
-    gap = boundary.gap
-    if not (kind.start_position and kind.end_position):
-        mean = sum(t for t in (t0, t1) if t is not None) if (t0 is not None or t1 is not None) else ahead
-        known = t0 if t0 is not None else t1
-        if np.linalg.norm(mean) < 1e-6:
-            mean = _sideways(np.zeros(3), known, known, wish)
-        straight = t0 is None or t1 is None or t0 @ t1 > 1.0 - 1e-9
-        gap = rotations.normalise(mean) * (1.0 if straight else DIRECT)
-    toward = rotations.normalise(gap) if np.linalg.norm(gap) > 1e-9 else ahead
-    t0 = toward if t0 is None else t0
-    t1 = toward if t1 is None else t1
+    gap, t0, t1 = _chord_and_tangents(boundary, wish)
     s = np.linspace(0.0, 1.0, nodes)
     if np.linalg.norm(gap - t0) + np.linalg.norm(gap - t1) < 1e-7:
         points, tangents = s[:, None] * gap, np.tile(t0, (nodes, 1))
     else:
-        fine = _unit_length_points(gap, t0, t1, wish)
-        points = _resample(fine, s)
+        points = _resample(_unit_length_points(gap, t0, t1, wish), s)
         tangents = rotations.normalise(np.gradient(points, s, axis=0))
         tangents[0], tangents[-1] = t0, t1
-    if kind.start_orientation:
-        first = boundary.start_quaternion
-    elif kind.end_orientation:
-        back = rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)
-        first = back[-1]
-    else:
-        first = rotations.from_tangent(t0)
-    frames = rotation_minimising(points, tangents, first)
-    if not kind.end_orientation or not kind.start_orientation:
+    frames = rotation_minimising(points, tangents, _first_frame(boundary, points, tangents))
+    if not boundary.kind.end_orientation or not boundary.kind.start_orientation:
         return points, frames
     left = rotations.multiply(rotations.conjugate(frames[-1]), boundary.end_quaternion)
-    twist = 2.0 * np.arctan2(left[3], left[0])
-    twist = (twist + np.pi) % (2.0 * np.pi) - np.pi
+    twist = (2.0 * np.arctan2(left[3], left[0]) + np.pi) % (2.0 * np.pi) - np.pi
     if twist < -np.pi + 1e-9:  # exactly half a turn either way: take the positive one
         twist += 2.0 * np.pi
-    twist += 2.0 * np.pi * turns
     spread = np.zeros((nodes, 3))
-    spread[:, 2] = twist * s
+    spread[:, 2] = (twist + 2.0 * np.pi * turns) * s
     return points, rotations.multiply(frames, rotations.from_rotation_vector(spread))

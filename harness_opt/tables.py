@@ -129,17 +129,19 @@ def _notes(summary: Mapping[str, Any]) -> Iterable[str]:
         yield f"Not found to the tolerance asked for, so less sure: {words}."
     for name in summary["open_meshes"]:
         yield f"Part {name} is not closed: it is a shell, and a cable inside it goes unnoticed."
-    for entry in summary["clearances"]:
-        if any(entry["excluded_near_clamps"].values()):
-            start, end = (1e3 * length for length in entry["excluded_near_clamps"].values())
-            where = " and ".join(
-                f"the first {length:.1f} mm" if k == 0 else f"the last {length:.1f} mm"
-                for k, length in enumerate((start, end))
-                if length
-            )
-            yield f"Clearance of {entry['cable']} to {entry['part']} leaves out {where}, at the clamp."
+    near = [words for entry in summary["clearances"] if (words := _excluded(entry))]
+    if near:
+        yield f"Not measured where the cable leaves its clamp: {', '.join(near)}."
     if summary["left_out"]:
         yield f"Left out: {', '.join(summary['left_out'])}."
+
+
+def _excluded(entry: Mapping[str, Any]) -> str:
+    """Return the lengths near clamps that a clearance leaves out: ``lead to housing (first 14.2 mm)``."""
+    lengths = entry["excluded_near_clamps"]
+    named = [("first", lengths["start"]), ("last", lengths["end"])]
+    ends = " and ".join(f"{word} {1e3 * length:.1f} mm" for word, length in named if length)
+    return f"{entry['cable']} to {entry['part']} ({ends})" if ends else ""
 
 
 def conclusion(summary: Mapping[str, Any]) -> str:

@@ -1,4 +1,6 @@
-"""One thread for dense linear algebra: the matrices here are too small to share, and sharing them costs more than they do."""
+"""One thread for dense linear algebra: the matrices here are too small to share, and sharing them costs more than they
+do.
+"""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from trimesh import Trimesh
-from trimesh.creation import box, capsule, cylinder
-from trimesh.transformations import rotation_matrix, translation_matrix
+from trimesh.creation import box, cylinder
+from trimesh.transformations import translation_matrix
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 
@@ -44,9 +44,7 @@ def lift_arm() -> dict[str, Trimesh]:
     shell = block((-70, -45, 0), (50, 45, 92))
     window = block((-55, -46, 15), (30, 46, 70))
     vents = [block((-71, y, 20), (-60, y + 6, 75)) for y in (-30, -12, 6, 24)]
-    ears = [
-        union(block((30, y, 88), (62, y + 8, 104)), rod(13, (50, y, 104), (50, y + 8, 104))) for y in (-26.0, 18.0)
-    ]
+    ears = [union(block((30, y, 88), (62, y + 8, 104)), rod(13, (50, y, 104), (50, y + 8, 104))) for y in (-26.0, 18.0)]
     stop = block((22, -18, 88), (34, 18, 151))
     arm = union(
         rod(11, (50, -17, 104), (50, 17, 104)),
@@ -91,12 +89,21 @@ def camera_pan() -> dict[str, Trimesh]:
     lens = rod(20, (-35, 0, 165), (60, 0, 165))
     hood = rod(26, (48, 0, 165), (70, 0, 165))
     bearing = rod(7, (0, 0, 0), (0, 0, 120))
-    return {"mast": union(mast, collar), "head": union(yoke, bearing), "camera": union(block((-45, -30, 140), (20, 30, 190)), lens, hood)}
+    return {
+        "mast": union(mast, collar),
+        "head": union(yoke, bearing),
+        "camera": union(block((-45, -30, 140), (20, 30, 190)), lens, hood),
+    }
 
 
 def main() -> None:
     """Write all meshes."""
-    for name, make in (("lift_arm", lift_arm), ("door", door), ("drawer", drawer), ("camera_pan", camera_pan)):
+    for name, make in (
+        ("lift_arm", lift_arm),
+        ("door", door),
+        ("drawer", drawer),
+        ("camera_pan", camera_pan),
+    ):
         folder = PROBLEMS / name / "meshes"
         folder.mkdir(parents=True, exist_ok=True)
         for part, mesh in make().items():

@@ -601,9 +601,7 @@ def test_not_toml(folder: Path, text: str | bytes, words: str) -> None:
 
 def test_no_file(folder: Path) -> None:
     written(folder, CONTRACT)
-    assert mistakes(folder / "lft.toml") == [
-        "found no such file (did you mean 'lift.toml'?), expected a problem file"
-    ]
+    assert mistakes(folder / "lft.toml") == ["found no such file (did you mean 'lift.toml'?), expected a problem file"]
     assert mistakes(folder) == ["found a folder, expected a problem file"]
     assert mistakes(folder / "lift.toml" / "x") == ["found no such file, expected a problem file"]
     assert mistakes(folder / ("x" * 300))[0].startswith("found a file that can't be opened")
@@ -729,17 +727,13 @@ def test_poses_without_a_file_are_written_beside(folder: Path) -> None:
     poses = dataclasses.replace(poses_of(problem), file=None)
     problem = dataclasses.replace(problem, bodies={"arm": Body(poses)})
     again = read_problem(write_problem(problem, folder / "out" / "b.toml"))
-    assert again.bodies["arm"].motion == dataclasses.replace(
-        poses, file=folder.resolve() / "out" / "b_arm.csv"
-    )
+    assert again.bodies["arm"].motion == dataclasses.replace(poses, file=folder.resolve() / "out" / "b_arm.csv")
 
 
 def test_changed_poses_do_not_point_to_their_old_file(folder: Path) -> None:
     problem = read_problem(with_poses(folder, HEADER + "\n".join(ROWS)))
     poses = dataclasses.replace(poses_of(problem), times=(0.0, 1.0, 2.0, 4.0))
-    again = read_problem(
-        write_problem(dataclasses.replace(problem, bodies={"arm": Body(poses)}), folder / "b.toml")
-    )
+    again = read_problem(write_problem(dataclasses.replace(problem, bodies={"arm": Body(poses)}), folder / "b.toml"))
     assert again.bodies["arm"].motion == dataclasses.replace(poses, file=folder.resolve() / "b_arm.csv")
     assert (folder / "arm.csv").read_text() == HEADER + "\n".join(ROWS)
 
@@ -788,9 +782,7 @@ finite = st.floats(-1e6, 1e6)
 positive = st.floats(1e-6, 1e6)
 vectors = st.tuples(finite, finite, finite)
 directions = vectors.filter(lambda v: math.hypot(*v) > 1e-3)
-names = st.text("abcXYZ_-09é ", min_size=1, max_size=6).filter(
-    lambda name: name == name.strip() and name != "world"
-)
+names = st.text("abcXYZ_-09é ", min_size=1, max_size=6).filter(lambda name: name == name.strip() and name != "world")
 quaternions = (
     st.tuples(*[st.floats(-1, 1)] * 4)
     .filter(lambda q: math.hypot(*q) > 0.1)
@@ -845,9 +837,7 @@ def problems(draw: st.DrawFn) -> Problem:
         parts=draw(st.dictionaries(names, parts, max_size=2)),
         gravity=draw(vectors),
         limits=draw(
-            st.builds(
-                Limits, optional(positive), st.none(), st.none(), optional(positive), optional(positive)
-            )
+            st.builds(Limits, optional(positive), st.none(), st.none(), optional(positive), optional(positive))
         ),
         design=Design(draw(st.sampled_from(["change", "length"])), variables),
         duration=draw(positive),
@@ -859,9 +849,7 @@ def problems(draw: st.DrawFn) -> Problem:
 def near(problem: Problem) -> Problem:
     """Return ``problem`` with angles rounded to what degrees keep, 1e-12 rad."""
     bodies = {
-        name: Body(
-            dataclasses.replace(b.motion, start=round(b.motion.start, 12), stop=round(b.motion.stop, 12))
-        )
+        name: Body(dataclasses.replace(b.motion, start=round(b.motion.start, 12), stop=round(b.motion.stop, 12)))
         if isinstance(b.motion, Hinge)
         else b
         for name, b in problem.bodies.items()

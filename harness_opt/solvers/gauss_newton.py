@@ -1,8 +1,9 @@
 """Gauss-Newton with a line search: the fast method near a solution.
 
 Nocedal and Wright, "Numerical Optimization", sections 10.3 (the step) and 3.1 (backtracking). Where the Jacobian is
-square and regular the step is Newton's; where it is rank deficient it is the least-squares step of minimum norm. The factorised
-Jacobian is kept while it contracts well (Deuflhard, "Newton Methods for Nonlinear Problems", section 2.1.3).
+square and regular the step is Newton's; where it is rank deficient it is the least-squares step of minimum norm.
+The factorised Jacobian is kept while it contracts well (Deuflhard, "Newton Methods for Nonlinear Problems", section
+2.1.3).
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from .linear import factorise
 
 SUFFICIENT = 1e-4  # Armijo's constant
 SMALLEST_STEP = 1e-4  # a shorter fraction of the step makes no progress worth the work
-CONTRACTION = 0.1  # while |R| falls by this factor a step, the Jacobian is kept: a chord step costs a tenth of a full one
+CONTRACTION = (
+    0.1  # while |R| falls by this factor a step, the Jacobian is kept: a chord step costs a tenth of a full one
+)
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:

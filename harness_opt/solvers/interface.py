@@ -66,7 +66,9 @@ class Solution:
 class Solver(Protocol):
     """A method: one call, no state, the failure returned and not raised."""
 
-    def __call__(self, problem: LeastSquares, x: Array, options: Options) -> Solution: ...
+    def __call__(self, problem: LeastSquares, x: Array, options: Options) -> Solution:
+        """Solve ``problem`` from ``x`` (n,)."""
+        ...
 
 
 def largest(residual: Array) -> float:

@@ -7,6 +7,8 @@ regularisation to Gauss-Newton's steps. Waechter and Biegler, Math. Program. 106
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -26,10 +28,19 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     factor = ca.SX.sym("lam_f")
     slack_part = ca.diagcat(ca.SX(count, count), factor * ca.SX.eye(residual.numel()))
     hessian = ca.Function(
-        "nlp_hess_l", [both, parameter, factor, multipliers], [ca.triu(slack_part)], ["x", "p", "lam_f", "lam_g"], ["hess"]
+        "nlp_hess_l",
+        [both, parameter, factor, multipliers],
+        [ca.triu(slack_part)],
+        ["x", "p", "lam_f", "lam_g"],
+        ["hess"],
     )
     nlp = {"x": both, "f": 0.5 * ca.sumsqr(slack), "g": residual - slack}
-    settings = {**QUIET, "hess_lag": hessian, "ipopt.max_iter": options.iterations, "ipopt.tol": options.tolerance}
+    settings: dict[str, Any] = {
+        **QUIET,
+        "hess_lag": hessian,
+        "ipopt.max_iter": options.iterations,
+        "ipopt.tol": options.tolerance,
+    }
     solver = ca.nlpsol("least_squares", "ipopt", nlp, settings)
     start = np.concatenate([x, problem.residual(x)])
     answer = solver(x0=start, lbg=0.0, ubg=0.0)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# An estimated condition number above this marks a rank deficiency: a straight cable, or a cable that may turn freely about
-# coaxial clamps. Regular cases stay well below it for every stiffness ratio up to 1e3 and every weight up to 1e6.
+# An estimated condition number above this marks a rank deficiency: a straight cable, or a cable that may turn
+# freely about coaxial clamps. Regular cases stay well below it for every stiffness ratio up to 1e3 and every weight
+# up to 1e6.
 CONDITION_LIMIT = 1e13
 RANK_TOLERANCE = 1e-11  # singular values below this fraction of the largest count as zero
 
@@ -53,9 +54,10 @@ class Factor:
 def factorise(jacobian: sp.csc_array) -> Factor:
     """Factorise ``jacobian`` (m, n), CSC.
 
-    Sparse LU where square and regular. Where one direction is lost, the matrix bordered by its null vectors is regular,
-    and solving with it gives the least-squares solution of minimum norm (Govaerts, "Numerical Methods for Bifurcations of
-    Dynamical Equilibria", section 3.2). Where more are lost, or the matrix is not square, a dense solve does.
+    Sparse LU where square and regular. Where one direction is lost, the matrix bordered by its null vectors is
+    regular, and solving with it gives the least-squares solution of minimum norm (Govaerts, "Numerical Methods for
+    Bifurcations of Dynamical Equilibria", section 3.2). Where more are lost, or the matrix is not square, a dense
+    solve does.
     """
     rows, columns = jacobian.shape
     lu = _lu(jacobian) if rows == columns else None

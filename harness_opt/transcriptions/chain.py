@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -29,7 +30,9 @@ TOLERANCE = 1e-7  # of IPOPT; the collocation solve makes it accurate
 
 @dataclass(frozen=True)
 class ChainState:
-    """A chain's shape: ``q`` (n + 1, 4), ``r`` (n + 1, 3), ``omega`` of the segments (n, 3), ``force`` at the start (3,)."""
+    """A chain's shape: ``q`` (n + 1, 4), ``r`` (n + 1, 3), ``omega`` of the segments (n, 3), ``force`` at the start
+    (3,).
+    """
 
     q: Array
     r: Array
@@ -40,7 +43,9 @@ class ChainState:
 @functools.lru_cache(maxsize=8)
 def _program(segments: int) -> tuple[ca.Function, int]:
     """Return the nonlinear program of a chain of ``segments``, and its number of unknowns."""
-    q, r, omega = (ca.SX.sym(name, rows, segments + extra) for name, rows, extra in (("q", 4, 1), ("r", 3, 1), ("w", 3, 0)))
+    q, r, omega = (
+        ca.SX.sym(name, rows, segments + extra) for name, rows, extra in (("q", 4, 1), ("r", 3, 1), ("w", 3, 0))
+    )
     stiffness, rest, load, start_force, end_force = (ca.SX.sym(f"p{i}", 3) for i in range(5))
     end_quaternion = ca.SX.sym("end_quaternion", 4)
     h = 1.0 / segments
@@ -61,7 +66,12 @@ def _program(segments: int) -> tuple[ca.Function, int]:
     constraints = ca.vertcat(*defects, ca.sumsqr(q[:, 0]) - 1, relative)
     parameters = ca.vertcat(stiffness, rest, load, start_force, end_force, end_quaternion)
     nlp = {"x": unknowns, "f": energy, "g": constraints, "p": parameters}
-    settings = {**QUIET, "ipopt.max_iter": ITERATIONS, "ipopt.tol": TOLERANCE, "ipopt.fixed_variable_treatment": "make_parameter"}
+    settings: dict[str, Any] = {
+        **QUIET,
+        "ipopt.max_iter": ITERATIONS,
+        "ipopt.tol": TOLERANCE,
+        "ipopt.fixed_variable_treatment": "make_parameter",
+    }
     return ca.nlpsol("chain", "ipopt", nlp, settings), unknowns.numel()
 
 
@@ -81,8 +91,14 @@ def relax(section: Section, load: Array, boundary: Boundary, q: Array, r: Array)
     difference = np.diff(q, axis=0)
     middle = 0.5 * (q[1:] + q[:-1])
     middle = middle / np.sum(middle**2, axis=1, keepdims=True)
-    omega = 2.0 / h * (
-        middle[:, :1] * difference[:, 1:] - difference[:, :1] * middle[:, 1:] - np.cross(middle[:, 1:], difference[:, 1:])
+    omega = (
+        2.0
+        / h
+        * (
+            middle[:, :1] * difference[:, 1:]
+            - difference[:, :1] * middle[:, 1:]
+            - np.cross(middle[:, 1:], difference[:, 1:])
+        )
     )
     x = np.concatenate([q.ravel(), r.ravel(), omega.ravel()])
     lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
@@ -106,7 +122,14 @@ def relax(section: Section, load: Array, boundary: Boundary, q: Array, r: Array)
     if not kind.end_orientation:
         lowest[count + 1 :], highest[count + 1 :] = -np.inf, np.inf
     parameters = np.concatenate(
-        [section.stiffness, section.rest_curvature, load, boundary.start_force, boundary.end_force, boundary.end_quaternion]
+        [
+            section.stiffness,
+            section.rest_curvature,
+            load,
+            boundary.start_force,
+            boundary.end_force,
+            boundary.end_quaternion,
+        ]
     )
     answer = solver(x0=x, p=parameters, lbx=lower, ubx=upper, lbg=lowest, ubg=highest)
     if not solver.stats()["success"]:

@@ -1,8 +1,8 @@
 """The rod by Gauss collocation on elements: a sparse nonlinear least-squares problem posed in CasADi.
 
 Unknowns are the quaternion and the moment at every node, the quaternion at every Gauss point (stage) of every
-element, and the one constant of the force. Moments and positions at the stages are quadratures of these, so arc length is
-exact and eq. (25) of Liu et al. is not needed; Gauss's method conserves |q|, so neither is eq. (10).
+element, and the one constant of the force. Moments and positions at the stages are quadratures of these, so arc
+length is exact and eq. (25) of Liu et al. is not needed; Gauss's method conserves |q|, so neither is eq. (10).
 
 One element is written symbolically and differentiated once; the mesh is a map of it, and everything that a user can
 change (stiffness, weight, mesh, clamps) is a parameter, so nothing is built twice for one kind of cable.
@@ -17,13 +17,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from .. import rod, rotations
 from ..boundary import Boundary, Kind
-from ..quadrature import gauss, integrals
+from ..quadrature import gauss
 from ..rod import Section
 from ..rotations import Array
 from ..solvers.interface import LeastSquares
+
+Indices = NDArray[np.integer[Any]]
 
 NODE = 7  # unknowns of a node: quaternion and moment
 FORCE = 3  # the constant of the force
@@ -38,9 +41,9 @@ class Buffered:
         self._arguments = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
         self._results = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
         for i, array in enumerate(self._arguments):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, memoryview(array))  # type: ignore[arg-type,call-arg]
         for i, array in enumerate(self._results):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, memoryview(array))  # type: ignore[arg-type,call-arg]
 
     def __call__(self, *arguments: Array) -> list[Array]:
         """Evaluate at flat arrays (column-major); the results are overwritten by the next call."""
@@ -138,7 +141,7 @@ def collocation(elements: int, stages: int, loaded: bool) -> Collocation:
 
 
 @functools.lru_cache(maxsize=128)
-def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Array, Array, Array]:
+def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Indices, Indices, Indices]:
     """Return (permutation, indices, indptr): from element entries and boundary entries to the CSC Jacobian."""
     transcription = collocation(elements, stages, loaded)
     rows_e, columns_e = (np.array(x) for x in transcription._element_pattern.get_triplet())
@@ -262,9 +265,7 @@ class BoundCollocation:
         t, b = self.transcription, self.boundary
         x = ca.SX.sym("x", t.size)
         steps, starts, *shared = self._parameters
-        parts = [
-            t._element(x[t._gather[:, e].tolist()], steps[e], starts[e], *shared) for e in range(t.elements)
-        ]
+        parts = [t._element(x[t._gather[:, e].tolist()], steps[e], starts[e], *shared) for e in range(t.elements)]
         count, node = 4 * t.stages + NODE, self._node
         start = x[:4] - b.start_quaternion
         if not b.kind.start_orientation:
@@ -371,8 +372,7 @@ class BoundCollocation:
         stage_q = x[: self._node].reshape(n, block)[:, 7:].reshape(n, s, 4)
         stage_dq = dx[: self._node].reshape(n, block, k)[:, 7:].reshape(n, s, 4, k)
         tangents, rates = rotations.tangent(stage_q), _tangent_rates(stage_q, stage_dq)
-        nodes = gauss(s).nodes
-        matrix = integrals(nodes, np.concatenate([nodes, [1.0]]))
+        matrix = gauss(s).running
         inner = steps[:, None, None] * np.einsum("ij,ejc->eic", matrix, tangents)
         inner_rates = steps[:, None, None, None] * np.einsum("ij,ejck->eick", matrix, rates)
         return (
@@ -380,7 +380,9 @@ class BoundCollocation:
             _accumulate(inner_rates),
             np.concatenate(
                 [
-                    np.concatenate([dx[: self._node].reshape(n, block, k)[:, None, :4], stage_dq], axis=1).reshape(-1, 4, k),
+                    np.concatenate([dx[: self._node].reshape(n, block, k)[:, None, :4], stage_dq], axis=1).reshape(
+                        -1, 4, k
+                    ),
                     dx[None, self._node : self._node + 4],
                 ]
             ),
@@ -392,7 +394,12 @@ def _tangent_rates(q: Array, dq: Array) -> Array:
     a, b, c, d = (q[..., i, None] for i in range(4))
     da, db, dc, dd = (dq[..., i, :] for i in range(4))
     return 2.0 * np.stack(
-        [b * dd + d * db + a * dc + c * da, c * dd + d * dc - a * db - b * da, a * da - b * db - c * dc + d * dd], axis=-2
+        [
+            b * dd + d * db + a * dc + c * da,
+            c * dd + d * dc - a * db - b * da,
+            a * da - b * db - c * dc + d * dd,
+        ],
+        axis=-2,
     )
 
 

@@ -1,27 +1,31 @@
 """The outer loop: change length and clamp poses as little as possible until every limit holds over the whole motion.
 
-Sequential quadratic programming with a trust region and one elastic slack (Fletcher, "Practical Methods of Optimization",
-section 12.4; Nocedal and Wright, section 18.5): at each design the whole motion is simulated, every limit near its bound is linearised at
-its witnesses, and a small quadratic program gives the step. The end is verified on twice the frames and twice the
-elements; what that shows to be short is asked for in addition, and the loop goes on.
+Sequential quadratic programming with a trust region and one elastic slack (Fletcher, "Practical Methods of
+Optimization", section 12.4; Nocedal and Wright, section 18.5): at each design the whole motion is simulated, every
+limit near its bound is linearised at its witnesses, and a small quadratic program gives the step. The end is
+verified on twice the frames and twice the elements; what that shows to be short is asked for in addition, and the
+loop goes on.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from scipy.stats import qmc
 
 from . import design_variables
-from .clearance import ClearanceResult, PairClearance, measure
+from .clearance import ClearanceResult, measure
+from .continuation import Solved
 from .errors import ProblemError, SolveError, Status
-from .limits import cable_limits, held
-from .motion import Sweep, collect, place_frames, simulate, sweep
+from .limits import all_limits, held, limit_label
+from .linearised import Rows, linearised
+from .motion import Sweep, collect, simulate, sweep
+from .path import place_frames
 from .problem import Problem
 from .results import LimitResult, Motion
 from .rotations import Array
@@ -36,13 +40,12 @@ PENALTY = 100.0  # of the slack in the quadratic program; above any multiplier o
 STEP_DONE = 1e-3  # a step below this, in the bounds' ranges, ends the loop
 MARGIN = 1e-3  # by how much a trial must improve on the designs met before
 WORST = 0.5  # largest scaled violation that a lower objective can excuse
-TINY = 1e-12  # keeps the direction of a vanishing vector finite
 LOOK_STRIDE = 4  # of the frames that a look at a far design solves
 ROWS = 400  # most linearised limits in a quadratic program, the tightest first
 GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it
 HELD = 0.5 * GUARD  # a violation of what is asked for that leaves the limit itself held
 VERIFICATIONS = 4
-STARTS = 8  # other designs looked at where the first start stalls, and as many for each variable
+STARTS = 4  # other designs looked at where the first start stalls, and as many for each variable
 RESTARTS = 3  # of which the best are iterated from
 SNAP_COST = 1.0  # of a snap in the merit, in scales of a limit: snaps are not for designing with
 
@@ -61,7 +64,9 @@ class VariableResult:
 
 @dataclass(frozen=True)
 class Step:
-    """One iteration: objective, worst scaled margin (>= 0 holds) and which limit it was, trust region, accepted or not."""
+    """One iteration: objective, worst scaled margin (>= 0 holds) and which limit it was, trust region, accepted or
+    not.
+    """
 
     objective: float
     margin: float
@@ -115,15 +120,6 @@ class Redesign:
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """Scaled margins (m,) that must be >= 0, their rates (m, k) per unit of the variables, and their limits' names."""
-
-    margin: Array
-    rate: Array
-    name: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class _Design:
     """One simulated design: the variables' values, sweeps by cable, motion, clearances, and the linearised limits."""
 
@@ -131,7 +127,19 @@ class _Design:
     sweeps: Mapping[str, Sweep]
     motion: Motion
     clearances: ClearanceResult
-    rows: _Rows
+    rates: Mapping[str, ShapeRates]
+    rows: Rows
+
+    def predicted(self, name: str, values: Array) -> list[Solved]:
+        """Return the frames of cable ``name`` with their unknowns moved to first order to the design ``values``."""
+        frames = self.sweeps[name].frames
+        if name not in self.rates:
+            return list(frames)
+        moved = self.rates[name].unknowns @ (values - self.values)
+        return [
+            dataclasses.replace(f, solution=dataclasses.replace(f.solution, x=f.solution.x + dx))
+            for f, dx in zip(frames, moved, strict=True)
+        ]
 
     @property
     def worst(self) -> int:
@@ -167,8 +175,10 @@ class _Loop:
         self.range = self.upper - self.lower
         self.start = np.clip(design_variables.values(problem), self.lower, self.upper)
         self.frames = place_frames(problem)
-        self.extra: dict[str, float] = {}  # asked for beyond a limit, in its scale, after a verification
+        # asked for beyond each limit, in its scale; verifications add to it
+        self.asked: defaultdict[str, float] = defaultdict(lambda: GUARD)
         self.history: list[Step] = []
+        self.best: _Design
 
     # -- simulate and linearise ----------------------------------------------------------------------------------
 
@@ -186,7 +196,7 @@ class _Loop:
             sweeps = {
                 name: sweep(
                     changed, name, frames, solver=self.solver, margins=False,
-                    guesses=near.sweeps[name].frames[::stride] if near else None, progress=self.progress,
+                    guesses=near.predicted(name, values)[::stride] if near else None, progress=self.progress,
                 )
                 for name in changed.cables
             }  # fmt: skip
@@ -205,70 +215,8 @@ class _Loop:
             )
             for name, swept in (sweeps.items() if stride == 1 else ())
         }  # fmt: skip
-        rows = [
-            *(self.clearance_rows(pair, motion, rates) for pair in clearances.pairs if pair.limit is not None),
-            *(row for name in sweeps for row in self.cable_rows(changed, name, motion, rates.get(name))),
-        ]
-        merged = _Rows(
-            np.concatenate([row.margin for row in rows]),
-            np.concatenate([row.rate for row in rows]),
-            tuple(name for row in rows for name in row.name),
-        )
-        return _Design(values, sweeps, motion, clearances, merged)
-
-    def guarded(self, name: str) -> float:
-        return GUARD + self.extra.get(name, 0.0)
-
-    def clearance_rows(self, pair: PairClearance, motion: Motion, rates: Mapping[str, ShapeRates]) -> _Rows:
-        """Linearise a pair's clearance at its witnesses, and at the nearest point of every frame."""
-        found = pair.witnesses
-        missing = np.setdiff1d(pair.nearest.frame, found.frame)
-        name = f"clearance of {pair.cable} to {pair.obstacle}"
-        scale = (pair.limit or 0.0) + self.problem.cables[pair.cable].cable.radius
-        margins, slopes = [], []
-        for witnesses in (found, pair.nearest.take(missing)):
-            slope = np.zeros((len(witnesses.frame), len(self.range)))
-            if rates:
-                moved = _at(rates[pair.cable].position, motion.cables[pair.cable].s, witnesses.frame, witnesses.arc_length)
-                if pair.obstacle.startswith("cable:"):
-                    other = pair.obstacle.removeprefix("cable:")
-                    s = motion.cables[other].s
-                    moved = moved - _at(rates[other].position, s, witnesses.frame, witnesses.other_arc_length)
-                slope = np.einsum("wc,wck->wk", witnesses.normal, moved) / scale
-            slopes.append(slope)
-            margins.append((witnesses.clearance - (pair.limit or 0.0)) / scale - self.guarded(name))
-        margin = np.concatenate(margins)
-        return _Rows(margin, np.concatenate(slopes), (name,) * len(margin))
-
-    def cable_rows(self, problem: Problem, name: str, motion: Motion, rates: ShapeRates | None) -> list[_Rows]:
-        """Linearise bend radius, twist and clamp loads at the worst station of every frame."""
-        limits, shapes, rows = problem.limits, motion.cables[name], []
-
-        def row(label: str, vector: Array, rate: Array | None, limit: float, stations: Array) -> None:
-            size = np.linalg.norm(vector, axis=-1)
-            frame = np.arange(len(size))
-            station = stations[np.argmax(size[:, stations], axis=1)]
-            worst = size[frame, station]
-            slope = np.zeros((len(size), len(self.range)))
-            if rate is not None:
-                unit = vector[frame, station] / np.maximum(worst, TINY)[:, None]
-                slope = -np.einsum("pc,pck->pk", unit, rate[frame, station]) / limit
-            rows.append(_Rows(1.0 - worst / limit - self.guarded(label), slope, (label,) * len(size)))
-
-        everywhere, clamps = np.arange(len(shapes.s)), np.array([0, len(shapes.s) - 1])
-        bend, twist = slice(0, 2), slice(2, 3)
-        for label, limit, part in (
-            ("bend radius", limits.bend_radius and 1.0 / limits.bend_radius, bend),
-            ("twist", limits.twist, twist),
-        ):
-            if limit is not None:
-                rate = None if rates is None else rates.curvature[:, :, part]
-                row(f"{label} of {name}", shapes.curvature[..., part], rate, limit, everywhere)
-        for label, limit, load in (("clamp force", limits.clamp_force, "force"), ("clamp moment", limits.clamp_moment, "moment")):
-            if limit is not None:
-                rate = None if rates is None else getattr(rates, load)
-                row(f"{label} of {name}", getattr(shapes, load), rate, limit, clamps)
-        return rows
+        rows = linearised(changed, motion, clearances, rates, self.asked, len(self.range))
+        return _Design(values, sweeps, motion, clearances, rates, rows)
 
     # -- the quadratic program -----------------------------------------------------------------------------------
 
@@ -328,7 +276,7 @@ class _Loop:
         sampler = qmc.Halton(len(self.range), scramble=False)
         sampler.fast_forward(1)  # its first point is a corner
         starts = self.lower + sampler.random(STARTS * (1 + len(self.range))) * self.range
-        looks = [(start, self.evaluate(start, design, stride=LOOK_STRIDE)) for start in starts]
+        looks = [(start, self.evaluate(start, None, stride=LOOK_STRIDE)) for start in starts]
         found = sorted(((look.violation, i) for i, (_, look) in enumerate(looks) if look is not None))
         for _, i in found[:RESTARTS]:
             scout = self.evaluate(looks[i][0], design)
@@ -343,9 +291,9 @@ class _Loop:
     def run(self, design: _Design) -> _Design:
         """Iterate from ``design`` until the step is small or the trust region is; return the best design met.
 
-        A trial is taken where no earlier design has both less violation and a lower objective: a filter, which lets the
-        iterates pass through slight violations on the way along a curved limit. Fletcher and Leyffer, "Nonlinear programming
-        without a penalty function", Math. Program. 91 (2002).
+        A trial is taken where no earlier design has both less violation and a lower objective: a filter, which lets
+            the iterates pass through slight violations on the way along a curved limit. Fletcher and Leyffer,
+            "Nonlinear programming without a penalty function", Math. Program. 91 (2002).
         """
         trust, best = TRUST, design
         met = [(design.violation, self.objective(design.values))]
@@ -359,8 +307,8 @@ class _Loop:
             if trial is not None:
                 violation, objective = trial.violation, self.objective(trial.values)
                 accepted = all(
-                    violation <= max((1.0 - MARGIN) * v, HELD) and (violation < v or objective < o)
-                    or objective <= o - MARGIN * violation and violation <= WORST
+                    (violation <= max((1.0 - MARGIN) * v, HELD) and (violation < v or objective < o))
+                    or (objective <= o - MARGIN * violation and violation <= WORST)
                     for v, o in met
                 )
             self.note(trial or design, trust, accepted)
@@ -369,6 +317,7 @@ class _Loop:
                 trust = 2.0 * trust if size > 0.9 * trust else trust
                 design = trial
                 best = design if self.better(design, best) else best
+                self.best = best
             else:
                 trust = 0.35 * min(trust, size)
                 if trust < LEAST_TRUST:
@@ -379,7 +328,11 @@ class _Loop:
         worst = design.worst
         self.history.append(
             Step(
-                self.objective(design.values), float(design.rows.margin[worst]), design.rows.name[worst], trust, accepted
+                self.objective(design.values),
+                float(design.rows.margin[worst]),
+                design.rows.name[worst],
+                trust,
+                accepted,
             )
         )
         if self.progress:
@@ -397,21 +350,6 @@ class _Loop:
             if abs(value - bound) < 1e-6 * width
         ]
         return (*near, *at_bound)
-
-
-def limit_name(row: LimitResult) -> str:
-    """Return the name under which a row appears among the active limits."""
-    label = row.name.replace("_", " ")
-    return f"{label} of {row.cable}" + (f" to {row.part}" if row.part else "")
-
-
-def _scale(row: LimitResult, problem: Problem) -> float:
-    return row.limit + problem.cables[row.cable].cable.radius if row.name == "clearance" else row.limit
-
-
-def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) -> tuple[LimitResult, ...]:
-    """Return the rows of every limit of ``problem``."""
-    return (*clearances.limits, *cable_limits(problem, motion))
 
 
 @one_thread
@@ -439,25 +377,50 @@ def redesign(
     scene = load_scene(problem)
     loaded = time.perf_counter()
     loop = _Loop(problem, scene, solver, progress)
-    original = loop.evaluate(design_variables.values(problem), None)
-    inside = np.array_equal(loop.start, design_variables.values(problem))
-    first = original if inside else loop.evaluate(loop.start, original)
-    if original is None or first is None:
-        motion = simulate(problem, solver=solver, throw=throw)  # raises with the frame and the reason
-        raise SolveError("the design moved inside its bounds cannot be simulated", Status.STEP_TOO_SMALL, motion)
-    best, final, clearances, rows = _verified(loop, first)
-    limits_before = all_limits(problem, original.motion, original.clearances)
     before = design_variables.values(problem)
+    original = loop.evaluate(before, None)
+    first = original if np.array_equal(loop.start, before) else loop.evaluate(loop.start, original)
+    if original is None:
+        motion_before = simulate(problem, solver=solver, throw=False)
+        clearances_before = measure(problem, scene, motion_before.motion, motion_before.cables)
+    else:
+        motion_before, clearances_before = original.motion, original.clearances
+    limits_before = all_limits(problem, motion_before, clearances_before) if len(motion_before.motion) else ()
+    message = ""
+    if first is None:
+        final, clearances, rows, values = motion_before, clearances_before, limits_before, before
+        status = Status.STEP_TOO_SMALL if motion_before.ok else motion_before.status
+        message = motion_before.message or "the design moved inside its bounds cannot be simulated"
+        active: tuple[str, ...] = ()
+    else:
+        loop.best = first
+        try:
+            best, final, clearances, rows = _verified(loop, first)
+            status, message = final.status, final.message
+        except KeyboardInterrupt:  # raised by ``progress``: the best design met is kept, unverified
+            best = loop.best
+            final, clearances = best.motion, best.clearances
+            rows = all_limits(final.problem, final, clearances)
+            status = Status.INTERRUPTED
+            message = status.value
+        values, active = best.values, loop.active(best)
     variables = {
         v.name: VariableResult(float(b), float(a), v.lower, v.upper)
-        for v, b, a in zip(problem.design.variables, before, best.values, strict=True)
+        for v, b, a in zip(problem.design.variables, before, values, strict=True)
     }
-    feasible = held(rows) and not final.snaps
-    timing = {"load": loaded - begin, "solve": time.perf_counter() - loaded}
-    return Redesign(
-        final.problem, problem, final, clearances, rows, limits_before, original.motion, variables, len(loop.history),
-        tuple(loop.history), loop.active(best), feasible, final.status, final.message, timing,
+    result = Redesign(
+        final.problem, problem, final, clearances, rows, limits_before, motion_before, variables, len(loop.history),
+        tuple(loop.history), active, status.ok and held(rows) and not final.snaps, status, message,
+        {"load": loaded - begin, "solve": time.perf_counter() - loaded},
     )  # fmt: skip
+    if throw and not status.ok:
+        raise SolveError(message, status, result)
+    return result
+
+
+def _scale(row: LimitResult, problem: Problem) -> float:
+    """Return what a margin is divided by to be comparable, as in :mod:`harness_opt.linearised`."""
+    return row.limit + problem.cables[row.cable].cable.radius if row.name == "clearance" else row.limit
 
 
 def _verified(loop: _Loop, design: _Design) -> tuple[_Design, Motion, ClearanceResult, tuple[LimitResult, ...]]:
@@ -469,11 +432,15 @@ def _verified(loop: _Loop, design: _Design) -> tuple[_Design, Motion, ClearanceR
         motion = _fine_motion(changed, fine, design, loop)
         clearances = measure(changed, loop.scene, motion.motion, motion.cables)
         rows = all_limits(changed, motion, clearances)
-        short = {limit_name(row): -row.margin / _scale(row, changed) for row in rows if row.margin < 0}
+        short = {
+            limit_label(row.name, row.cable, row.part): -row.margin / _scale(row, changed)
+            for row in rows
+            if row.margin < 0
+        }
         if not short or design.violation > HELD or attempt == VERIFICATIONS - 1:
             break
         for name, amount in short.items():
-            loop.extra[name] = loop.extra.get(name, 0.0) + 1.5 * amount
+            loop.asked[name] += 1.5 * amount
         again = loop.evaluate(design.values, design)
         if again is None:
             break
@@ -486,28 +453,12 @@ def _fine_motion(problem: Problem, fine: Array, design: _Design, loop: _Loop) ->
     begin = time.perf_counter()
     sweeps = {
         name: sweep(
-            problem, name, fine, solver=loop.solver, elements=2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1)
+            problem,
+            name,
+            fine,
+            solver=loop.solver,
+            elements=2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1),
         )
         for name in problem.cables
     }
     return collect(problem, fine, sweeps, time.perf_counter() - begin)
-
-
-def _at(rates: Array, s: Array, frame: Array, arc_length: Array) -> Array:
-    """Return rates (W, 3, k) at ``arc_length`` (W,) of ``frame`` (W,) from those at stations (P, N, 3, k): cubic
-    Lagrange interpolation on the four stations around."""
-    spacing = s[1] - s[0]
-    first = np.clip((arc_length / spacing).astype(int) - 1, 0, len(s) - 4)
-    t = arc_length / spacing - first
-    weights = np.stack(
-        [
-            (1 - t) * (2 - t) * (3 - t) / 6,
-            t * (2 - t) * (3 - t) / 2,
-            t * (t - 1) * (3 - t) / 2,
-            t * (t - 1) * (t - 2) / 6,
-        ]
-    )
-    return sum(weights[i][:, None, None] * rates[frame, first + i] for i in range(4))
-
-
-__all__ = ["Redesign", "Step", "VariableResult", "all_limits", "check_design", "limit_name", "redesign"]

@@ -1,8 +1,4 @@
-"""One pose: from two ends to an accurate, stable shape, or an honest failure.
-
-Cold: a length-true curve is relaxed to a minimum of its energy on a coarse chain, then solved accurately; where that fails,
-an easier case is solved first and followed to the one asked for. Warm: the solve starts from a shape given.
-"""
+"""One pose: from two ends to an accurate, stable shape, or an honest failure."""
 
 from __future__ import annotations
 
@@ -13,25 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import rod as rod_module
-from . import rotations
-from .boundary import Case, case
-from .continuation import ELEMENTS, SOLVERS, STAGES, Solved, error_estimate, follow, refine, resample, solve_on
+from .boundary import case
+from .cold_start import cold_start
+from .continuation import SOLVERS, Solved, refine, resample, solve_on
 from .errors import ProblemError, SolveError, Status
 from .problem import Cable, End
 from .rod import Section, Units
 from .rotations import Array
 from .shape import Rod
-from .stability import lowest_mode, stability
-from .starting_curve import starting_curve
-from .transcriptions import chain
-from .transcriptions.collocation import pack
-from .transcriptions.collocation import stations as collocation_stations
+from .stability import stability
 
 TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
 STATIONS = 101
-NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
-RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-DESCENTS = 4  # descents from one unstable shape before it is returned as unstable
 
 
 @dataclass(frozen=True)
@@ -80,7 +69,7 @@ class Shape:
         """
         wanted = np.atleast_1d(np.asarray(s, dtype=float))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self._units.length * (1 + 1e-12)):
-            raise ValueError(f"arc length off the cable: expected 0 to {self._units.length} m, found {s}")
+            raise ValueError(f"arc length off the cable: expected 0 to {self._units.length} m, found {s!r}")
         answer = _sampled(self._rod, self._units, self._origin, wanted)
         if np.ndim(s) == 0:
             answer = ShapeAt(*(getattr(answer, field.name)[0] for field in dataclasses.fields(answer)))
@@ -111,111 +100,6 @@ def _sampled(rod: Rod, units: Units, origin: Array, s: Array) -> ShapeAt:
     )
 
 
-def _from_chain(case: Case, state: chain.ChainState, mesh: Array) -> Array:
-    """Return the unknowns on ``mesh`` that describe a chain."""
-    s, nodes = collocation_stations(mesh, STAGES), np.linspace(0.0, 1.0, len(state.q))
-    q = rotations.normalise(np.stack([np.interp(s, nodes, state.q[:, i]) for i in range(4)], axis=1))
-    middles = 0.5 * (nodes[1:] + nodes[:-1])
-    strain = np.stack([np.interp(s, middles, state.omega[:, i]) for i in range(3)], axis=1) - case.section.rest_curvature
-    return pack(q, rotations.rotate(q, case.section.stiffness * strain), state.force, STAGES)
-
-
-def _relaxed(case: Case, q: Array, r: Array, solver: str) -> Solved | None:
-    """Relax a shape on the chain and solve it; None where either fails."""
-    state = chain.relax(case.section, case.load, case.boundary, q, r)
-    if state is None:
-        return None
-    still = dataclasses.replace(case.boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
-    without_moments = dataclasses.replace(case, boundary=still)
-    first = ELEMENTS[0]
-    for elements, method in ((first, solver), (2 * first, solver), (2 * first, "levenberg-marquardt"), (4 * first, solver)):
-        mesh = np.linspace(0.0, 1.0, elements + 1)
-        solved = solve_on(without_moments, mesh, _from_chain(without_moments, state, mesh), method)
-        if solved.ok and not solved.turned and error_estimate(solved)[0] < RESOLVED:
-            break
-    else:
-        return None
-    if np.any(case.boundary.start_moment) or np.any(case.boundary.end_moment):
-        solved, reached = follow(lambda t: without_moments.blend(case, t), solved, 0.0, 1.0, solver)
-        if reached < 1.0:
-            return None
-    return solved
-
-
-def let_go(case: Case, rod: Rod, solver: str) -> Solved | None:
-    """Let the cable go from ``rod`` to where its energy is least nearby; None where it lands nowhere.
-
-    ``case`` may differ from what ``rod`` was solved for: after a fold the old shape does not exist any more. The shape is
-    nudged along its weakest direction, harder where the coarse chain still holds a minimum that the cable itself
-    has lost.
-    """
-    direction = lowest_mode(rod, case.boundary.kind)
-    for nudge in NUDGES:
-        for sign in (1.0, -1.0):
-            landed = _descend(case, rod, sign * nudge * direction, solver)
-            if landed is not None:
-                return landed
-    return None
-
-
-def _descend(case: Case, rod: Rod, field: Array, solver: str) -> Solved | None:
-    """Relax ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None where that fails."""
-    nodes = np.linspace(0.0, 1.0, chain.SEGMENTS + 1)
-    samples = rod.sample(nodes)
-    field = np.stack([np.interp(nodes, rod.mesh, field[:, i]) for i in range(3)], axis=1)
-    q = rotations.multiply(samples.q, rotations.from_rotation_vector(field))
-    return _relaxed(case, q, samples.r, solver)
-
-
-def stabilise(solved: Solved, solver: str) -> Solved:
-    """Descend from an unstable shape until a stable one is reached; returns ``solved`` itself where none is found."""
-    kind, here = solved.case.boundary.kind, solved
-    for _ in range(DESCENTS):
-        if bool(stability(here.rod, kind).stable):
-            return here
-        lower = let_go(solved.case, here.rod, solver)
-        if lower is None:
-            return solved
-        here = lower
-    return here if bool(stability(here.rod, kind).stable) else solved
-
-
-def _easier(case: Case) -> list[Case]:
-    """Return cases that a chain relaxes without trouble, the nearest to ``case`` first."""
-    heavy = float(np.linalg.norm(case.load))
-    light = case.load if heavy <= 300.0 else case.load * (100.0 / heavy)
-    stiffness = np.clip(case.section.stiffness, 0.1, 10.0)
-    slack = dataclasses.replace(case.boundary, gap=0.9 * case.boundary.gap)
-    return [
-        Case(case.section, light, case.boundary),
-        Case(case.section, light, slack),
-        Case(Section(stiffness, case.section.rest_curvature), light, slack),
-        Case(Section(stiffness, case.section.rest_curvature), np.zeros(3) * light, slack),
-    ]
-
-
-def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
-    """Find a shape for ``case`` from its ends alone; None where nothing worked."""
-    if bow is None and np.any(case.load):
-        bow = case.load
-    r, q = starting_curve(case.boundary, chain.SEGMENTS + 1, turns, bow)
-    boundary = case.boundary
-    if boundary.kind.end_orientation:  # the curve decides which of the two signs stands for the turns asked for
-        sign = 1.0 if q[-1] @ boundary.end_quaternion >= 0 else -1.0
-        boundary = dataclasses.replace(boundary, end_quaternion=sign * boundary.end_quaternion)
-    case = dataclasses.replace(case, boundary=boundary)
-    found = _relaxed(case, q, r, solver)
-    for easier in _easier(case) if found is None else ():
-        begin = _relaxed(easier, q, r, solver)
-        if begin is None:
-            continue
-        end, reached = follow(lambda t, a=easier: a.blend(case, t), begin, 0.0, 1.0, solver)  # type: ignore[misc]
-        if reached == 1.0:
-            found = end
-            break
-    return None if found is None else stabilise(found, solver)
-
-
 def check_method(transcription: str, solver: str) -> None:
     """Raise ProblemError where a transcription or solver of that name does not exist."""
     if transcription != "collocation":
@@ -224,7 +108,7 @@ def check_method(transcription: str, solver: str) -> None:
         raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")
 
 
-def equilibrium(
+def equilibrium(  # noqa: PLR0913
     cable: Cable,
     start: End,
     end: End,

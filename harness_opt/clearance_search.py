@@ -1,0 +1,102 @@
+"""What a search for small clearances is asked, and what it finds; the same for parts and for cables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .centreline import Curve
+from .rotations import Array
+from .vectors import Indices
+
+
+@dataclass(frozen=True, eq=False)
+class Witnesses:
+    """Points of a cable, each with what is nearest to it on an obstacle: W of them.
+
+    Args:
+        frame: (W,).
+        arc_length: (W,), of the point on the cable, m.
+        clearance: (W,), m.
+        normal: (W, 3), world, unit, from the obstacle to the cable: the clearance grows along it.
+        point: (W, 3), world, on the obstacle's surface, m.
+        other_arc_length: (W,), of ``point`` along the other cable, m; NaN for parts.
+    """
+
+    frame: Indices
+    arc_length: Array
+    clearance: Array
+    normal: Array
+    point: Array
+    other_arc_length: Array
+
+    def take(self, index: Indices | NDArray[np.bool_]) -> Witnesses:
+        """Return those at ``index``, numbers (k,) or a mask (W,)."""
+        return Witnesses(*(column[index] for column in vars(self).values()))
+
+    @staticmethod
+    def joined(several: Sequence[Witnesses]) -> Witnesses:
+        """Return the witnesses of all ``several`` in one."""
+        columns = zip(*(vars(witnesses).values() for witnesses in several), strict=True)
+        return Witnesses(*(np.concatenate(column) for column in columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One cable, and what is asked about it.
+
+    Args:
+        cable: its name.
+        curve: its centreline, in the coordinates of the obstacle.
+        radius: m.
+        error: of the cubics of ``curve``, m.
+        tolerance, reach, most_queries: as in :class:`harness_opt.clearance.Options`, m.
+        limit: m, or None.
+    """
+
+    cable: str
+    curve: Curve
+    radius: float
+    error: float
+    tolerance: float
+    reach: float
+    most_queries: int
+    limit: float | None = None
+
+    @property
+    def horizon(self) -> float:
+        """The clearance below which witnesses are wanted, m."""
+        return (self.limit or 0.0) + self.reach
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Everything evaluated for one pair.
+
+    Args:
+        samples: in no order.
+        minima: (k,), the numbers of those that are local minima along the cable.
+        bound: no point of the centreline has a smaller clearance, m.
+    """
+
+    samples: Witnesses
+    minima: Indices
+    bound: float
+
+
+def local_minima(value: Array, horizon: float) -> tuple[Indices, Indices]:
+    """Return rows and columns (k,) of each row's smallest entry and of the local minima below ``horizon``.
+
+    Args:
+        value: (P, M), clearances of frames and places along the cable, m; infinite where not known.
+        horizon: m.
+    """
+    wall = np.full((len(value), 1), np.inf)
+    low = (value < np.hstack([wall, value[:, :-1]])) & (value <= np.hstack([value[:, 1:], wall]))
+    low &= value < horizon
+    low[np.arange(len(value)), np.argmin(value, axis=1)] = True
+    frame, column = np.nonzero(low)
+    return frame, column

@@ -1,0 +1,174 @@
+"""Finding a first shape: relaxed on a coarse chain from a length-true curve, then solved accurately.
+
+The chain goes to a minimum of its energy, so what it leads to is stable; where it fails, an easier case (lighter,
+slacker, more even stiffness) is relaxed and followed to the one asked for. The same descent shows where a cable
+lands that has lost its shape.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from . import rotations
+from .boundary import Case
+from .continuation import ELEMENTS, STAGES, Solved, error_estimate, follow, solve_on
+from .rod import Section
+from .rotations import Array
+from .shape import Rod
+from .stability import lowest_mode, stability
+from .starting_curve import starting_curve
+from .transcriptions import chain
+from .transcriptions.collocation import pack, stations
+
+NUDGES = (
+    0.05,
+    0.2,
+    0.6,
+)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
+RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
+DESCENTS = 4  # descents from one unstable shape before it is returned as unstable
+
+
+def _from_chain(case: Case, state: chain.ChainState, mesh: Array) -> Array:
+    """Return the unknowns on ``mesh`` that describe a chain."""
+    s, nodes = stations(mesh, STAGES), np.linspace(0.0, 1.0, len(state.q))
+    q = rotations.normalise(np.stack([np.interp(s, nodes, state.q[:, i]) for i in range(4)], axis=1))
+    middles = 0.5 * (nodes[1:] + nodes[:-1])
+    strain = (
+        np.stack([np.interp(s, middles, state.omega[:, i]) for i in range(3)], axis=1) - case.section.rest_curvature
+    )
+    return pack(q, rotations.rotate(q, case.section.stiffness * strain), state.force, STAGES)
+
+
+def _relaxed(case: Case, q: Array, r: Array, solver: str) -> Solved | None:
+    """Relax a shape on the chain and solve it; None where either fails."""
+    state = chain.relax(case.section, case.load, case.boundary, q, r)
+    if state is None:
+        return None
+    still = dataclasses.replace(case.boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
+    without_moments = dataclasses.replace(case, boundary=still)
+    first = ELEMENTS[0]
+    for elements, method in (
+        (first, solver),
+        (2 * first, solver),
+        (2 * first, "levenberg-marquardt"),
+        (4 * first, solver),
+    ):
+        mesh = np.linspace(0.0, 1.0, elements + 1)
+        solved = solve_on(without_moments, mesh, _from_chain(without_moments, state, mesh), method)
+        if solved.ok and not solved.turned and error_estimate(solved)[0] < RESOLVED:
+            break
+    else:
+        return None
+    if np.any(case.boundary.start_moment) or np.any(case.boundary.end_moment):
+        solved, reached = follow(lambda t: without_moments.blend(case, t), solved, 0.0, 1.0, solver)
+        if reached < 1.0:
+            return None
+    return solved
+
+
+def let_go(case: Case, rod: Rod, solver: str) -> Solved | None:
+    """Let the cable go from ``rod`` to where its energy is least nearby; None where it lands nowhere.
+
+    ``case`` may differ from what ``rod`` was solved for: after a fold the old shape does not exist any more. The
+    shape is nudged along its weakest direction, harder where the coarse chain still holds a minimum that the cable
+    itself has lost.
+    """
+    direction = lowest_mode(rod, case.boundary.kind)
+    for nudge in NUDGES:
+        for sign in (1.0, -1.0):
+            landed = _descend(case, rod, sign * nudge * direction, solver)
+            if landed is not None:
+                return landed
+    return None
+
+
+def _descend(case: Case, rod: Rod, field: Array, solver: str) -> Solved | None:
+    """Relax ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None where that fails."""
+    nodes = np.linspace(0.0, 1.0, chain.SEGMENTS + 1)
+    samples = rod.sample(nodes)
+    field = np.stack([np.interp(nodes, rod.mesh, field[:, i]) for i in range(3)], axis=1)
+    q = rotations.multiply(samples.q, rotations.from_rotation_vector(field))
+    return _relaxed(case, q, samples.r, solver)
+
+
+def stabilise(solved: Solved, solver: str) -> Solved:
+    """Descend from an unstable shape until a stable one is reached; returns ``solved`` itself where none is found."""
+    kind, here = solved.case.boundary.kind, solved
+    for _ in range(DESCENTS):
+        if bool(stability(here.rod, kind).stable):
+            return here
+        lower = let_go(solved.case, here.rod, solver)
+        if lower is None:
+            return solved
+        here = lower
+    return here if bool(stability(here.rod, kind).stable) else solved
+
+
+def _easier(case: Case) -> list[Case]:
+    """Return cases that a chain relaxes without trouble, the nearest to ``case`` first."""
+    heavy = float(np.linalg.norm(case.load))
+    light = case.load if heavy <= 300.0 else case.load * (100.0 / heavy)
+    stiffness = np.clip(case.section.stiffness, 0.1, 10.0)
+    slack = dataclasses.replace(case.boundary, gap=0.9 * case.boundary.gap)
+    return [
+        Case(case.section, light, case.boundary),
+        Case(case.section, light, slack),
+        Case(Section(stiffness, case.section.rest_curvature), light, slack),
+        Case(Section(stiffness, case.section.rest_curvature), np.zeros(3) * light, slack),
+    ]
+
+
+def _bows(case: Case, bow: Array | None) -> list[Array | None]:
+    """Return directions to bow a starting curve to, the one wished for first.
+
+    A curve bowed against its own clamps, in a plane of symmetry, can lead the chain to a saddle; another bow does not.
+    """
+    first = case.load if bow is None and np.any(case.load) else bow
+    aside = np.roll(np.array([1.0, 2.0, 3.0]), 1)  # in no plane that a scene is likely to be symmetric about
+    return [first, None, aside, -aside]
+
+
+def _from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
+    """Find a shape from the starting curve bowed to ``bow``; None where nothing worked."""
+    r, q = starting_curve(case.boundary, chain.SEGMENTS + 1, turns, bow)
+    boundary = case.boundary
+    if boundary.kind.end_orientation:  # the curve decides which of the two signs stands for the turns asked for
+        sign = 1.0 if q[-1] @ boundary.end_quaternion >= 0 else -1.0
+        boundary = dataclasses.replace(boundary, end_quaternion=sign * boundary.end_quaternion)
+    case = dataclasses.replace(case, boundary=boundary)
+    found = _relaxed(case, q, r, solver)
+    if found is not None:
+        return found
+    for easier in _easier(case):
+        begin = _relaxed(easier, q, r, solver)
+        if begin is None:
+            continue
+        end, reached = follow(functools.partial(easier.blend, case), begin, 0.0, 1.0, solver)
+        if reached == 1.0:
+            return end
+    return None
+
+
+def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
+    """Find a shape for ``case`` from its ends alone: a stable one where any is found, None where nothing worked.
+
+    Args:
+        case: what to solve.
+        turns: whole turns added to the smallest twist that joins the clamps along the starting curve.
+        bow: direction to which that curve is bowed; None takes the load's, then others where that fails.
+        solver: name.
+    """
+    unstable = None
+    for wish in _bows(case, bow):
+        found = _from_curve(case, turns, wish, solver)
+        if found is None:
+            continue
+        settled = stabilise(found, solver)
+        if bool(stability(settled.rod, case.boundary.kind).stable):
+            return settled
+        unstable = unstable or settled
+    return unstable

@@ -1,0 +1,69 @@
+"""The path of the clamps: where on the motion the frames stand, and what the scene does without.
+
+The paper's dispersion, section 4.2: the trail of the moving clamp is cut into path points by a spatial step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import rotations
+from .errors import ProblemError
+from .problem import Problem
+from .rotations import Array
+
+STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
+TURN_STEP = np.deg2rad(5.0)  # most that a clamp turns between two frames
+PATH_SAMPLES = 2001  # for measuring the path of the clamps
+MOST_FRAMES = 20_000
+
+
+def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
+    """Return the motion values (P,) from 0 to 1 of the frames to solve.
+
+    Between two frames no clamp moves by more than the spatial step or turns by more than 5 degrees, so a clamp that
+    turns on the spot is followed too.
+
+    Raises:
+        ProblemError: more than MOST_FRAMES frames would be needed.
+    """
+    if not problem.moves:
+        return np.zeros(1)
+    longest = max(run.cable.length for run in problem.cables.values())
+    allowed = spatial_step or problem.spatial_step or STEP_FRACTION * longest
+    grid = np.linspace(0.0, 1.0, PATH_SAMPLES)
+    increments = np.zeros(PATH_SAMPLES - 1)
+    for run in problem.cables.values():
+        for end in (run.start, run.end):
+            position, quaternion = problem.body(end.body).poses(grid)
+            if end.position is not None:
+                position = position + rotations.rotate(quaternion, end.position)
+            moved = np.linalg.norm(np.diff(position, axis=0), axis=1) / allowed
+            turned = 2.0 * np.minimum(
+                np.linalg.norm(np.diff(quaternion, axis=0), axis=1),
+                np.linalg.norm(quaternion[1:] + quaternion[:-1], axis=1),
+            )
+            increments = np.maximum(increments, np.maximum(moved, turned / TURN_STEP))
+    run_so_far = np.concatenate([[0.0], np.cumsum(increments)])
+    count = int(np.ceil(run_so_far[-1] - 1e-9)) + 1
+    if count > MOST_FRAMES:
+        raise ProblemError(
+            f"motion.spatial_step: found {allowed:g} m, which asks for {count} frames, expected at most {MOST_FRAMES}"
+        )
+    # clamps that rest for a while: the tiny slope keeps the inverse single-valued
+    measure = run_so_far + 1e-6 * grid
+    return np.interp(np.linspace(0.0, measure[-1], max(count, 2)), measure, grid)
+
+
+def left_out(problem: Problem) -> tuple[str, ...]:
+    """Return the words for what this scene did not need."""
+    words = []
+    if not any(problem.gravity) or not any(run.cable.mass_per_length for run in problem.cables.values()):
+        words.append("weight")
+    if not problem.parts:
+        words.append("parts")
+    if len(problem.cables) == 1:
+        words.append("other cables")
+    if not problem.moves:
+        words.append("motion")
+    return tuple(words)

@@ -1,0 +1,216 @@
+"""Every derivative that the product uses against finite differences: Jacobian, parameter rates, shape rates."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+
+import numpy as np
+import pytest
+
+import harness_opt as ho
+from harness_opt import design_variables, rotations
+from harness_opt.boundary import Boundary, Kind
+from harness_opt.motion import cable_motion, sweep
+from harness_opt.problem import Design
+from harness_opt.rod import Section
+from harness_opt.sensitivity import shape_rates
+from harness_opt.transcriptions.collocation import BoundCollocation, collocation
+
+KINDS = [Kind(*given) for given in itertools.product([True, False], repeat=4) if given[0] or given[2]]
+ELEMENTS, STAGES = 3, 2
+STEP = 1e-5  # of central differences of functions that are polynomials of entries of order one
+CLOSE = 1e-8  # relative; the differences themselves are good to about 1e-9
+
+
+def named(kind: Kind) -> str:
+    start = ("position" if kind.start_position else "force") + "+" + ("frame" if kind.start_orientation else "moment")
+    end = ("position" if kind.end_position else "force") + "+" + ("frame" if kind.end_orientation else "moment")
+    return f"{start}, {end}"
+
+
+def setup(kind: Kind, loaded: bool) -> tuple[dict, np.ndarray]:
+    """Return parameters of a :class:`BoundCollocation`, all generic, and unknowns that are no solution."""
+    random = np.random.default_rng(7)
+    vectors = {name: random.normal(size=3) for name in ("start_force", "end_force", "start_moment", "end_moment")}
+    boundary = Boundary(
+        kind,
+        0.3 * random.normal(size=3),
+        rotations.normalise(random.normal(size=4)),
+        rotations.normalise(random.normal(size=4)),
+        **vectors,
+    )
+    section = Section(np.array([0.6, 1.7, 0.9]), random.normal(size=3))
+    load = 3 * random.normal(size=3) if loaded else np.zeros(3)
+    mesh = np.array([0.0, 0.3, 0.45, 1.0])
+    x = random.normal(size=collocation(ELEMENTS, STAGES, loaded).size)
+    return {"section": section, "load": load, "boundary": boundary, "mesh": mesh}, x
+
+
+def bound(given: dict) -> BoundCollocation:
+    return collocation(ELEMENTS, STAGES, bool(np.any(given["load"]))).bind(**given)
+
+
+def differences(function, at: np.ndarray, step: float = STEP) -> np.ndarray:
+    """Return the Jacobian of ``function`` by central differences of fourth order."""
+    columns = []
+    for direction in np.eye(len(at)) * step:
+        near = function(at + direction) - function(at - direction)
+        far = function(at + 2 * direction) - function(at - 2 * direction)
+        columns.append((8 * near - far) / (12 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("loaded", [False, True], ids=["weightless", "loaded"])
+@pytest.mark.parametrize("kind", KINDS, ids=named)
+def test_jacobian(kind, loaded):
+    given, x = setup(kind, loaded)
+    equations = bound(given)
+    residual, jacobian = equations.linearise(x)
+    assert jacobian.shape == (len(x), len(x))
+    np.testing.assert_array_equal(residual, equations.residual(x))
+    exact = differences(equations.residual, x, 1e-3)
+    assert np.max(np.abs(jacobian.toarray() - exact)) < CLOSE * np.max(np.abs(exact))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=named)
+def test_symbolic_residual_is_the_numeric_one(kind):
+    import casadi as ca
+
+    given, x = setup(kind, True)
+    unknowns, residual = bound(given).symbolic()
+    symbolic = np.asarray(ca.Function("r", [unknowns], [residual])(x)).ravel()
+    np.testing.assert_allclose(symbolic, bound(given).residual(x), rtol=0, atol=1e-12)
+
+
+def changed(given: dict, parameter: str, amount: np.ndarray) -> dict:
+    """Return the parameters with one of them moved by ``amount`` (3,)."""
+    boundary = given["boundary"]
+    if parameter == "load":
+        return given | {"load": given["load"] + amount}
+    if parameter == "rest":
+        rest = given["section"].rest_curvature + amount
+        return given | {"section": dataclasses.replace(given["section"], rest_curvature=rest)}
+    if parameter.endswith("_turn"):
+        name = parameter.replace("turn", "quaternion")
+        turned = rotations.multiply(getattr(boundary, name), rotations.from_rotation_vector(amount))
+        return given | {"boundary": dataclasses.replace(boundary, **{name: turned})}
+    return given | {"boundary": dataclasses.replace(boundary, **{parameter: getattr(boundary, parameter) + amount})}
+
+
+LOADS = ("start_force", "end_force", "start_moment", "end_moment")
+PARAMETERS = ("gap", "start_turn", "end_turn", "rest", "load", *LOADS)
+
+
+@pytest.mark.parametrize("parameter", PARAMETERS)
+@pytest.mark.parametrize("kind", KINDS, ids=named)
+def test_parameter_rates(kind, parameter):
+    given, x = setup(kind, True)
+    exact = differences(lambda p: bound(changed(given, parameter, p)).residual(x), np.zeros(3), 1e-3)
+    rates = {name: np.zeros((3, 3)) for name in PARAMETERS} | {parameter: np.eye(3)}
+    loads = {name: rates.pop(name) for name in LOADS}
+    found = bound(given).rates(x, **rates, loads=loads)
+    assert np.max(np.abs(found - exact)) < CLOSE * (1 + np.max(np.abs(exact)))
+    if parameter in LOADS:  # a load counts where it is given, and only there
+        given_there = not getattr(kind, parameter.replace("force", "position").replace("moment", "orientation"))
+        assert np.any(exact) == given_there
+
+
+# --- shapes against simulating again ------------------------------------------------------------------------
+
+FRAMES = np.array([0.0, 0.4, 1.0])
+ELEMENTS_OF_THE_SWEEP = 16  # the same for all, so that differences do not see a change of mesh
+QUANTITIES = ("position", "curvature", "force", "moment")
+
+
+def ends(held: str) -> tuple[ho.End, ho.End]:
+    start = ho.End((0.02, -0.05, 0.01), tuple(rotations.normalise([0.9, 0.3, 0.2, -0.1])), body="a")
+    end = ho.End((0.03, 0.02, -0.04), tuple(rotations.normalise([0.5, 0.6, -0.3, 0.4])), body="b")
+    if held == "end free":
+        end = ho.End(force=(0.4, -0.3, 0.2), moment=(0.01, 0.02, -0.03))
+    if held == "end pinned":
+        end = dataclasses.replace(end, quaternion=None, moment=(0.01, 0.02, -0.03))
+    if held == "start guided":
+        start = dataclasses.replace(start, position=None, force=(0.2, -0.1, 0.3))
+    if held == "start pinned":
+        start = dataclasses.replace(start, quaternion=None, moment=(0.01, 0.02, -0.03))
+    return start, end
+
+
+@functools.cache
+def problem(held: str) -> ho.Problem:
+    """Return a heavy, precurved, flat cable between two hinged bodies."""
+    cable = ho.Cable(0.6, 0.006, (0.01, 0.02), 0.012, 0.05, rest_curvature=(1.0, -0.5, 0.8))
+    start, end = ends(held)
+    bodies = {
+        "a": ho.Body(ho.Hinge((0.1, 0, 0), (0.2, 1, 0.3), 0.3, 0.4)),
+        "b": ho.Body(ho.Hinge((0.35, 0.1, 0.2), (0.1, -0.4, 1), 0.9, 0.7)),
+    }
+    bare = ho.Problem({"lead": ho.CableRun(cable, start, end)}, bodies, gravity=(1.0, 2.0, -9.0))
+    variables = tuple(ho.Variable(name, -100, 100) for name in design_variables.names(bare))
+    return dataclasses.replace(bare, design=Design(variables=variables))
+
+
+def swept(problem: ho.Problem, near=None):
+    found = sweep(problem, "lead", FRAMES, tolerance=1e-7, elements=ELEMENTS_OF_THE_SWEEP, guesses=near and near.frames)
+    assert found.status.ok and not found.snaps
+    assert len(found.rod.mesh) == ELEMENTS_OF_THE_SWEEP + 1
+    return found
+
+
+@functools.cache
+def rates_and_differences(held: str, turned: bool):
+    """Return rates and differences (P, N, 3, k) by quantity, and the variables' names."""
+    base = problem(held)
+    names = [variable.name for variable in base.design.variables]
+    values = design_variables.values(base)
+    if turned:  # the axes of later turns are carried along by the ones before
+        values = values + np.array([5.0 * (j % 3 + 1) if "rotate" in n else 0.0 for j, n in enumerate(names)])
+    here = swept(design_variables.apply(base, values))
+    stations = np.linspace(0, 1, 101)
+    found = shape_rates(here, design_variables.clamp_rates(base, "lead", values, FRAMES), stations)
+    columns = {quantity: [] for quantity in QUANTITIES}
+    for j, name in enumerate(names):
+        step = 0.03 if "rotate" in name else 3e-4
+
+        def at(change: float, j: int = j) -> object:
+            moved = design_variables.apply(base, values + change * np.eye(len(names))[j])
+            return cable_motion(swept(moved, here))
+
+        sides = {k: at(k * step) for k in (-2, -1, 1, 2)}
+        for quantity, column in columns.items():
+            q = {k: getattr(side, quantity) for k, side in sides.items()}
+            column.append((8 * (q[1] - q[-1]) - (q[2] - q[-2])) / (12 * step))
+    return found, {quantity: np.stack(column, axis=-1) for quantity, column in columns.items()}, names
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize(
+    ("held", "turned"),
+    [
+        ("clamped", False),
+        ("clamped", True),
+        ("end free", False),
+        ("end pinned", False),
+        ("start guided", False),
+        ("start pinned", False),
+    ],
+)
+def test_shape_rates(held, turned, quantity):
+    found, expected, names = rates_and_differences(held, turned)
+    assert np.all(np.isfinite(expected[quantity]))
+    for j, name in enumerate(names):
+        exact = expected[quantity][..., j]
+        size = np.max(np.abs(exact))
+        worst = np.max(np.abs(getattr(found, quantity)[..., j] - exact))
+        floor = np.max(np.abs(expected[quantity])) * 1e-12  # rounding of a quantity that does not change
+        assert worst < 2e-6 * size + floor, name
+
+
+def test_every_kind_of_variable_is_tried():
+    names = {name.removeprefix("lead.") for name in rates_and_differences("clamped", False)[2]}
+    wanted = {"length"}
+    for side, axis in itertools.product(("start", "end"), "xyz"):
+        wanted |= {f"{side}.position.{axis}", f"{side}.rotate_{axis}_deg"}
+    assert names == wanted
