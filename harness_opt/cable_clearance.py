@@ -19,7 +19,6 @@ from .vectors import Indices, lengths
 PAIRS = 500_000  # pairs of stations looked at together, so that temporaries stay below 100 MB
 CELLS_PER_QUERY = 5  # cells of two curves are cheaper than queries to coal
 TOUCHING = 1e-12  # of the cable's length: centrelines nearer to each other count as crossing
-TINY = 1e-300  # added so that nothing is divided by 0
 
 
 def against_cable(task: Task, curves: CurvePair) -> Found:
@@ -157,8 +156,12 @@ class CurvePair:
         # centrelines that meet are parted at right angles to both
         across = np.cross(self.one.slope(frame, s), self.other.slope(frame, t))
         touching = distance < TOUCHING * self.one.s[-1]
-        offset = np.where(touching[:, None], across + TINY, offset)
-        normal = offset / np.maximum(lengths(offset), TINY)[:, None]
+        if np.any(touching):
+            along = self.one.slope(frame[touching], s[touching])
+            least = np.eye(3)[np.argmin(np.abs(along), axis=-1)]  # never along the centreline
+            parallel = lengths(across[touching]) < TOUCHING
+            offset[touching] = np.where(parallel[:, None], np.cross(along, least), across[touching])
+        normal = offset / lengths(offset)[:, None]
         return Witnesses(frame, s, distance - self.radii, normal, at + self.other_radius * normal, t)
 
 

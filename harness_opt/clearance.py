@@ -158,7 +158,7 @@ def measure(
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
     pairs: list[PairClearance] = []
     left_out: list[str] = []
-    still = len(motion) == 1 or not problem.moves
+    still = not problem.moves
     poses = {part.body: problem.body(part.body).poses(motion) for part in scene.parts.values()}
     for number, own in enumerate(tasks):
         seen = {body: own.curve.seen_from(*pose) for body, pose in poses.items()}
@@ -176,7 +176,8 @@ def measure(
         if problem.limits.clearance is None:
             continue
         for other in tasks[number:]:
-            task = replace(own, limit=problem.limits.clearance)
+            # the cubics of both centrelines are off, those of a cable against itself twice
+            task = replace(own, limit=problem.limits.clearance, error=own.error + other.error)
             curves = CurvePair.of(task, other)
             if curves.gap >= task.curve.s[-1]:
                 left_out.append(f"clearance of {own.cable} to itself: too short to meet itself")

@@ -196,11 +196,11 @@ class _Follower:
         self.append(swung)
         return True
 
-    def run_all(self, guesses: Sequence[Solved] | None) -> tuple[Status, str]:
+    def run_all(self, guesses: Sequence[Solved | None] | None) -> tuple[Status, str]:
         """Solve all frames; stability is checked batch by batch, and a lost one is gone back to."""
         checked, total = 0, len(self.motion)
-        guess = (lambda k: guesses[k]) if guesses else (lambda k: None)
-        first = self.start(guess(0))
+        given: Sequence[Solved | None] = guesses or [None] * total
+        first = self.start(given[0])
         if first is None or not first.ok:
             return Status.NO_START, self.failure(0, "no shape joins its two ends there")
         mesh = first.bound.mesh
@@ -213,7 +213,7 @@ class _Follower:
         self.frames.append(first)
         while True:
             while len(self.frames) < total and len(self.frames) - checked < BATCH:
-                solved = self.advance(guess(len(self.frames))) or self.snap(self.frames[-1])
+                solved = self.advance(given[len(self.frames)]) or self.snap(self.frames[-1])
                 if solved is None:
                     return Status.STEP_TOO_SMALL, self.failure(
                         len(self.frames), "the shape was lost and none found again"
@@ -257,7 +257,7 @@ def sweep(
     tolerance: float = TOLERANCE,
     solver: str = "gauss-newton",
     elements: int | None = None,
-    guesses: Sequence[Solved] | None = None,
+    guesses: Sequence[Solved | None] | None = None,
     margins: bool = True,
     progress: Progress | None = None,
 ) -> Sweep:
@@ -271,7 +271,7 @@ def sweep(
             it holds.
         solver: name.
         elements: least number of elements; None leaves it to the tolerance.
-        guesses: solves of a like motion, frame by frame, to start from.
+        guesses: solves of a like motion to start from, one a frame or None.
         margins: False leaves the stability margins out (NaN); whether the frames are stable is checked all the same.
         progress: called with the cable's name, frames done, frames in all.
     """

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -20,18 +19,15 @@ import numpy as np
 
 from . import design_variables
 from .clearance import ClearanceResult, measure
-from .continuation import Solved
 from .errors import ProblemError, SolveError, Status
 from .limits import all_limits, held, limit_label
-from .linearised import Rows, linearised
-from .motion import Sweep, collect, simulate, sweep
-from .path import place_frames
+from .motion import collect, simulate, sweep
 from .problem import Problem
 from .results import LimitResult, Motion
 from .rotations import Array
-from .scene import Scene, load_scene
-from .sensitivity import ShapeRates, shape_rates
+from .scene import load_scene
 from .threads import one_thread
+from .trials import GUARD, HELD, Progress, Trial, Trials
 
 ITERATIONS = 60
 TRUST = 0.25  # first trust region, in the bounds' ranges
@@ -40,16 +36,12 @@ PENALTY = 100.0  # of the slack in the quadratic program; above any multiplier o
 STEP_DONE = 1e-3  # a step below this, in the bounds' ranges, ends the loop
 MARGIN = 1e-3  # by how much a trial must improve on the designs met before
 WORST = 0.5  # largest scaled violation that a lower objective can excuse
-LOOK_STRIDE = 4  # of the frames that a look at a far design solves
+SEARCH_STRIDE = 2  # of the frames that the search solves
+LOOK_STRIDE = 4  # of those that a look at a far design solves
 ROWS = 400  # most linearised limits in a quadratic program, the tightest first
-GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it
-HELD = 0.5 * GUARD  # a violation of what is asked for that leaves the limit itself held
 VERIFICATIONS = 4
-STARTS = 4  # other designs looked at where the first start stalls, and as many for each variable
+STARTS = 3  # other designs looked at where the first start stalls, and as many for each variable
 RESTARTS = 3  # of which the best are iterated from
-SNAP_COST = 1.0  # of a snap in the merit, in scales of a limit: snaps are not for designing with
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -119,38 +111,6 @@ class Redesign:
         return self.status.ok and self.feasible
 
 
-@dataclass(frozen=True)
-class _Design:
-    """One simulated design: the variables' values, sweeps by cable, motion, clearances, and the linearised limits."""
-
-    values: Array
-    sweeps: Mapping[str, Sweep]
-    motion: Motion
-    clearances: ClearanceResult
-    rates: Mapping[str, ShapeRates]
-    rows: Rows
-
-    def predicted(self, name: str, values: Array) -> list[Solved]:
-        """Return the frames of cable ``name`` with their unknowns moved to first order to the design ``values``."""
-        frames = self.sweeps[name].frames
-        if name not in self.rates:
-            return list(frames)
-        moved = self.rates[name].unknowns @ (values - self.values)
-        return [
-            dataclasses.replace(f, solution=dataclasses.replace(f.solution, x=f.solution.x + dx))
-            for f, dx in zip(frames, moved, strict=True)
-        ]
-
-    @property
-    def worst(self) -> int:
-        return int(np.argmin(self.rows.margin))
-
-    @property
-    def violation(self) -> float:
-        least = float(np.min(self.rows.margin, initial=np.inf))
-        return max(0.0, -least) + SNAP_COST * len(self.motion.snaps)
-
-
 def check_design(problem: Problem) -> None:
     """Raise ProblemError where ``problem`` has nothing to redesign or nothing to hold."""
     mistakes = []
@@ -164,61 +124,32 @@ def check_design(problem: Problem) -> None:
         raise ProblemError(mistakes)
 
 
+def spread(count: int, dimensions: int) -> Array:
+    """Return ``count`` points (count, dimensions) that fill the unit cube evenly, the same at every call.
+
+    The additive recurrence whose steps are powers of the root of x^(d + 1) = x + 1 (Roberts, "The unreasonable
+    effectiveness of quasirandom sequences", 2018); scipy.stats has others, at a third of a second of import.
+    """
+    root = 1.5
+    for _ in range(60):  # a contraction by at least a half each time
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    steps = root ** -np.arange(1.0, dimensions + 1)
+    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
+
+
 class _Loop:
     """The state of one redesign; see :func:`redesign`."""
 
-    def __init__(self, problem: Problem, scene: Scene, solver: str, progress: Progress | None):
-        self.problem, self.scene, self.solver, self.progress = problem, scene, solver, progress
-        variables = problem.design.variables
+    def __init__(self, trials: Trials, progress: Progress | None):
+        self.trials, self.progress = trials, progress
+        self.problem = trials.problem
+        variables = self.problem.design.variables
         self.lower = np.array([v.lower for v in variables])
         self.upper = np.array([v.upper for v in variables])
         self.range = self.upper - self.lower
-        self.start = np.clip(design_variables.values(problem), self.lower, self.upper)
-        self.frames = place_frames(problem)
-        # asked for beyond each limit, in its scale; verifications add to it
-        self.asked: defaultdict[str, float] = defaultdict(lambda: GUARD)
+        self.start = np.clip(design_variables.values(self.problem), self.lower, self.upper)
         self.history: list[Step] = []
-        self.best: _Design
-
-    # -- simulate and linearise ----------------------------------------------------------------------------------
-
-    def evaluate(self, values: Array, near: _Design | None, *, stride: int = 1) -> _Design | None:
-        """Simulate the design ``values`` (k,); None where it cannot be simulated.
-
-        Args:
-            values: of the variables.
-            near: a design whose shapes to start from.
-            stride: above 1 only every so many frames are solved and nothing is differentiated: a look, not a step.
-        """
-        frames = self.frames[::stride]
-        try:
-            changed = design_variables.apply(self.problem, values)
-            sweeps = {
-                name: sweep(
-                    changed, name, frames, solver=self.solver, margins=False,
-                    guesses=near.predicted(name, values)[::stride] if near else None, progress=self.progress,
-                )
-                for name in changed.cables
-            }  # fmt: skip
-        except ProblemError:  # shorter than the distance of its ends somewhere on the motion
-            return None
-        if any(swept.status is Status.INTERRUPTED for swept in sweeps.values()):
-            raise KeyboardInterrupt
-        if not all(swept.status.ok for swept in sweeps.values()):
-            return None
-        motion = collect(changed, frames, sweeps, 0.0)
-        clearances = measure(changed, self.scene, frames, motion.cables)
-        rates = {
-            name: shape_rates(
-                swept, design_variables.clamp_rates(self.problem, name, values, frames),
-                motion.cables[name].s / swept.units.length,
-            )
-            for name, swept in (sweeps.items() if stride == 1 else ())
-        }  # fmt: skip
-        rows = linearised(changed, motion, clearances, rates, self.asked, len(self.range))
-        return _Design(values, sweeps, motion, clearances, rates, rows)
-
-    # -- the quadratic program -----------------------------------------------------------------------------------
+        self.best: Trial
 
     def objective(self, values: Array) -> float:
         """Return the objective, of order one: squared change in the bounds' ranges, or length in ranges."""
@@ -231,7 +162,7 @@ class _Loop:
             [float(design_variables.target(v.name).quantity == "length") for v in self.problem.design.variables]
         )
 
-    def step(self, design: _Design, trust: float) -> Array:
+    def step(self, design: Trial, trust: float) -> Array:
         """Return the step (k,), in the bounds' ranges, of the quadratic program at ``design``."""
         tightest = np.argsort(design.rows.margin, kind="stable")[:ROWS]
         rate = design.rows.rate[tightest] * self.range
@@ -257,38 +188,36 @@ class _Loop:
         )  # fmt: skip
         return np.clip(np.asarray(answer["x"]).ravel()[:k], lowest, highest)
 
-    def better(self, a: _Design, b: _Design) -> bool:
+    def better(self, a: Trial, b: Trial) -> bool:
         """Return whether ``a`` is to be preferred to ``b``: less violation, then the lower objective."""
         if max(a.violation, b.violation) <= HELD:
             return self.objective(a.values) < self.objective(b.values)
         return a.violation < b.violation
 
-    def search(self, design: _Design) -> _Design:
-        """Iterate from ``design``; where that ends with a limit violated, from other designs within the bounds too.
+    def search(self, trial: Trial) -> Trial:
+        """Iterate from ``trial``; where that ends with a limit violated, from other designs within the bounds too.
 
-        A cable deep inside a part is pushed out through the nearest face, which may be one that no design reaches.
+        A cable deep inside a part is pushed out through the nearest face, which may be one that no design reaches. The
+        search uses half of the frames, and all of them to end with.
         """
-        best = self.run(design)
-        if best.violation <= HELD:
-            return best
-        from scipy.stats import qmc  # takes a third of a second to import, and most designs never need it
+        best = self.run(trial, SEARCH_STRIDE)
+        if best.violation > HELD:
+            starts = self.lower + spread(STARTS * (1 + len(self.range)), len(self.range)) * self.range
+            looks = [self.trials(start, None, stride=LOOK_STRIDE, look=True) for start in starts]
+            for look in sorted((look for look in looks if look is not None), key=lambda look: look.violation)[
+                :RESTARTS
+            ]:
+                scout = self.trials(look.values, look, stride=SEARCH_STRIDE)
+                if scout is None:
+                    continue
+                end = self.run(scout, SEARCH_STRIDE)
+                best = end if self.better(end, best) else best
+                if best.violation <= HELD:
+                    break
+        full = self.trials(best.values, best)
+        return best if full is None else self.run(full, 1)
 
-        sampler = qmc.Halton(len(self.range), scramble=False)
-        sampler.fast_forward(1)  # its first point is a corner
-        starts = self.lower + sampler.random(STARTS * (1 + len(self.range))) * self.range
-        looks = [(start, self.evaluate(start, None, stride=LOOK_STRIDE)) for start in starts]
-        found = sorted(((look.violation, i) for i, (_, look) in enumerate(looks) if look is not None))
-        for _, i in found[:RESTARTS]:
-            scout = self.evaluate(looks[i][0], design)
-            if scout is None:
-                continue
-            end = self.run(scout)
-            best = end if self.better(end, best) else best
-            if best.violation <= HELD:
-                break
-        return best
-
-    def run(self, design: _Design) -> _Design:
+    def run(self, design: Trial, stride: int) -> Trial:
         """Iterate from ``design`` until the step is small or the trust region is; return the best design met.
 
         A trial is taken where no earlier design has both less violation and a lower objective: a filter, which lets
@@ -302,7 +231,7 @@ class _Loop:
             size = float(np.max(np.abs(step)))
             if size < STEP_DONE and (design.violation <= HELD or size < 1e-2 * STEP_DONE):
                 break
-            trial = self.evaluate(design.values + step * self.range, design)
+            trial = self.trials(design.values + step * self.range, design, stride=stride)
             accepted = False
             if trial is not None:
                 violation, objective = trial.violation, self.objective(trial.values)
@@ -324,7 +253,7 @@ class _Loop:
                     break
         return best
 
-    def note(self, design: _Design, trust: float, accepted: bool) -> None:
+    def note(self, design: Trial, trust: float, accepted: bool) -> None:
         worst = design.worst
         self.history.append(
             Step(
@@ -338,7 +267,7 @@ class _Loop:
         if self.progress:
             self.progress("redesign", len(self.history), 0)
 
-    def active(self, design: _Design) -> tuple[str, ...]:
+    def active(self, design: Trial) -> tuple[str, ...]:
         """Return what holds the design where it is: limits near their bound, and variables at theirs."""
         near = dict.fromkeys(
             name for name, margin in zip(design.rows.name, design.rows.margin, strict=True) if margin < 2.0 * GUARD
@@ -376,10 +305,11 @@ def redesign(
     begin = time.perf_counter()
     scene = load_scene(problem)
     loaded = time.perf_counter()
-    loop = _Loop(problem, scene, solver, progress)
+    trials = Trials(problem, scene, solver, progress)
+    loop = _Loop(trials, progress)
     before = design_variables.values(problem)
-    original = loop.evaluate(before, None)
-    first = original if np.array_equal(loop.start, before) else loop.evaluate(loop.start, original)
+    original = trials(before, None)
+    first = original if np.array_equal(loop.start, before) else trials(loop.start, original)
     if original is None:
         motion_before = simulate(problem, solver=solver, throw=False)
         clearances_before = measure(problem, scene, motion_before.motion, motion_before.cables)
@@ -423,14 +353,15 @@ def _scale(row: LimitResult, problem: Problem) -> float:
     return row.limit + problem.cables[row.cable].cable.radius if row.name == "clearance" else row.limit
 
 
-def _verified(loop: _Loop, design: _Design) -> tuple[_Design, Motion, ClearanceResult, tuple[LimitResult, ...]]:
+def _verified(loop: _Loop, design: Trial) -> tuple[Trial, Motion, ClearanceResult, tuple[LimitResult, ...]]:
     """Run the loop, simulate the end twice as finely, ask for what is short there, and run again."""
     for attempt in range(VERIFICATIONS):
         design = loop.search(design)
         changed = design_variables.rebased(loop.problem, design.values)
-        fine = np.interp(np.linspace(0, 1, 2 * len(loop.frames) - 1), np.linspace(0, 1, len(loop.frames)), loop.frames)
+        frames = loop.trials.frames
+        fine = np.interp(np.linspace(0, 1, 2 * len(frames) - 1), np.linspace(0, 1, len(frames)), frames)
         motion = _fine_motion(changed, fine, design, loop)
-        clearances = measure(changed, loop.scene, motion.motion, motion.cables)
+        clearances = measure(changed, loop.trials.scene, motion.motion, motion.cables)
         rows = all_limits(changed, motion, clearances)
         short = {
             limit_label(row.name, row.cable, row.part): -row.margin / _scale(row, changed)
@@ -440,15 +371,15 @@ def _verified(loop: _Loop, design: _Design) -> tuple[_Design, Motion, ClearanceR
         if not short or design.violation > HELD or attempt == VERIFICATIONS - 1:
             break
         for name, amount in short.items():
-            loop.asked[name] += 1.5 * amount
-        again = loop.evaluate(design.values, design)
+            loop.trials.asked[name] += 1.5 * amount
+        again = loop.trials(design.values, design)
         if again is None:
             break
         design = again
     return design, motion, clearances, rows
 
 
-def _fine_motion(problem: Problem, fine: Array, design: _Design, loop: _Loop) -> Motion:
+def _fine_motion(problem: Problem, fine: Array, design: Trial, loop: _Loop) -> Motion:
     """Simulate ``problem`` anew, from a cold start, on the frames ``fine`` and twice the elements."""
     begin = time.perf_counter()
     sweeps = {
@@ -456,7 +387,7 @@ def _fine_motion(problem: Problem, fine: Array, design: _Design, loop: _Loop) ->
             problem,
             name,
             fine,
-            solver=loop.solver,
+            solver=loop.trials.solver,
             elements=2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1),
         )
         for name in problem.cables

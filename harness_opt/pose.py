@@ -18,6 +18,7 @@ from .rod import Section, Units
 from .rotations import Array
 from .shape import Rod
 from .stability import stability
+from .threads import one_thread
 
 TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
 STATIONS = 101
@@ -108,6 +109,7 @@ def check_method(transcription: str, solver: str) -> None:
         raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")
 
 
+@one_thread
 def equilibrium(  # noqa: PLR0913
     cable: Cable,
     start: End,

@@ -32,6 +32,7 @@ POINTS = 5  # Gauss points an element: exact for the products of polynomials, an
 # A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
+SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
 @dataclass(frozen=True)
@@ -96,42 +97,48 @@ def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
     rate = np.swapaxes(w, -1, -2) @ stiffness + 0.5 * m  # phi^T (.) phi'
     plain = np.swapaxes(w, -1, -2) @ stiffness @ w + 0.5 * (m @ w + np.swapaxes(m @ w, -1, -2)) + geometric
     value, slope = _shape_functions()
-    blocks = np.einsum("e,g,ga,gb,ij->eaibj", 1.0 / steps, tableau.weights, slope, slope, stiffness)
-    coupling = np.einsum("g,ga,gb,...egij->...eaibj", tableau.weights, value, slope, rate, optimize=True)
-    blocks = blocks + coupling + np.einsum("...eaibj->...ebjai", coupling)
-    blocks = blocks + np.einsum(
-        "e,g,ga,gb,...egij->...eaibj", steps, tableau.weights, value, value, plain, optimize=True
-    )
-    lever = frame @ np.swapaxes(_cross_matrix(np.broadcast_to(d3, (3,))), -1, -2)  # R (phi x d3) = -R [d3] phi
-    ends = np.einsum("e,g,ga,...egci->...ecai", steps, tableau.weights, value, lever, optimize=True)
-    size = 3 * (DEGREE * count + 1)
-    matrix, constraint, mass = (
-        np.zeros((*lead, size, size)),
-        np.zeros((*lead, 3, size)),
-        np.zeros((size, size)),
-    )
-    local = 3 * (DEGREE + 1)
-    masses = np.einsum("e,g,ga,gb,ij->eaibj", steps, tableau.weights, value, value, np.eye(3)).reshape(
-        count, local, local
-    )
+    rigid = np.einsum("e,g,ga,gb,ij->eaibj", 1.0 / steps, tableau.weights, slope, slope, stiffness)
+    coupling = _integrated(rate, value, slope)
+    blocks = rigid + coupling + np.einsum("...eaibj->...ebjai", coupling)
+    blocks = blocks + steps[:, None, None, None, None] * _integrated(plain, value, value)
+    lever = frame @ -_cross_matrix(d3)  # R (phi x d3) = -R [d3] phi
+    ends = np.einsum("e,ga,...egci->...ecai", steps, tableau.weights[:, None] * value, lever)
+    masses = np.einsum("e,g,ga,gb,ij->eaibj", steps, tableau.weights, value, value, np.eye(3))
+    size, local = 3 * (DEGREE * count + 1), 3 * (DEGREE + 1)
+    matrix, constraint, mass = np.zeros((*lead, size, size)), np.zeros((*lead, 3, size)), np.zeros((size, size))
     for e in range(count):
         span = slice(3 * DEGREE * e, 3 * DEGREE * e + local)
         matrix[..., span, span] += blocks[..., e, :, :, :, :].reshape(*lead, local, local)
         constraint[..., span] += ends[..., e, :, :, :].reshape(*lead, 3, local)
-        mass[span, span] += masses[e]
+        mass[span, span] += masses[e].reshape(local, local)
     return matrix, constraint, mass
+
+
+def _integrated(field: Array, left: Array, right: Array) -> Array:
+    """Return int left_a field_ij right_b over each element of unit length, (..., e, a, i, b, j).
+
+    Args:
+        field: (..., e, POINTS, 3, 3).
+        left, right: functions at the points, (POINTS, DEGREE + 1).
+    """
+    products = (gauss(POINTS).weights[:, None, None] * left[:, :, None] * right[:, None, :]).reshape(POINTS, -1)
+    lead = field.shape[:-3]
+    summed = np.swapaxes(field.reshape(*lead, POINTS, 9), -1, -2) @ products
+    return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
+
+
+def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
+    """Return what :func:`_assemble` does without the fields that the clamps forbid, and the load scale (...)."""
+    matrix, constraint, mass = _assemble(rod)
+    size = mass.shape[0]
+    kept = slice(3 if kind.start_orientation else 0, size - (3 if kind.end_orientation else 0))
+    scale = 1.0 + np.max(np.linalg.norm(rod.force, axis=-1), axis=-1)
+    return matrix[..., kept, kept], constraint[..., kept], mass[kept, kept], scale
 
 
 def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
     """Return Q's matrix on an orthonormal (in the mass) basis of the allowed fields, that basis, and the load scale."""
-    matrix, constraint, mass = _assemble(rod)
-    size = mass.shape[0]
-    first, last = (3 if kind.start_orientation else 0), size - (3 if kind.end_orientation else 0)
-    matrix, constraint, mass = (
-        matrix[..., first:last, first:last],
-        constraint[..., first:last],
-        mass[first:last, first:last],
-    )
+    matrix, constraint, mass, scale = _allowed(rod, kind)
     # with phi = L^-T u, mass = L L^T, the eigenvalues against the mass are ordinary ones
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
@@ -140,7 +147,6 @@ def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
         complement = np.linalg.qr(np.swapaxes(constraint @ whiten.T, -1, -2), mode="complete")[0][..., 3:]
         matrix = np.swapaxes(complement, -1, -2) @ matrix @ complement
         basis = basis @ complement
-    scale = 1.0 + np.max(np.linalg.norm(rod.force, axis=-1), axis=-1)
     return matrix, basis, scale
 
 
@@ -155,20 +161,27 @@ def stability(rod: Rod, kind: Kind) -> Stability:
 
 
 def surely_stable(rod: Rod, kind: Kind) -> bool:
-    """Return whether all shapes of ``rod`` are stable, by Cholesky factors: a tenth of the time of eigenvalues."""
-    matrix, _, scale = _reduced(rod, kind)
-    shift = (NEUTRAL * scale)[..., None, None] * np.eye(matrix.shape[-1])
+    """Return whether all shapes of ``rod`` are stable; False may also mean that it takes eigenvalues to tell.
+
+    Q plus a stiff spring against moving the end is positive definite only if Q is so on the fields that leave the end
+    where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time.
+    """
+    matrix, constraint, mass, scale = _allowed(rod, kind)
+    matrix = matrix + (NEUTRAL * scale)[..., None, None] * mass
+    if kind.start_position and kind.end_position:
+        matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(constraint, -1, -2) @ constraint
     try:
-        np.linalg.cholesky(matrix + shift)
-    except np.linalg.LinAlgError:  # not positive definite: some shape has an unstable direction
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:  # not positive definite
         return False
     return True
 
 
 def lowest_mode(rod: Rod, kind: Kind) -> Array:
-    """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh, section
-    frame; its
-    longest vector has length 1."""
+    """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh.
+
+    It is in the section frame, and its longest vector has length 1.
+    """
     matrix, basis, _ = _reduced(rod, kind)
     vector = np.linalg.eigh(matrix)[1][:, 0]
     field = np.zeros(3 * (DEGREE * (len(rod.mesh) - 1) + 1))

@@ -8,10 +8,16 @@ import functools
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+
+@functools.cache
+def _controller() -> ThreadpoolController:
+    """Return the libraries loaded; looking for them takes longer than a small solve."""
+    return ThreadpoolController()
 
 
 def one_thread(function: Callable[P, T]) -> Callable[P, T]:
@@ -19,7 +25,7 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def pinned(*args: P.args, **kwargs: P.kwargs) -> T:
-        with threadpool_limits(limits=1, user_api="blas"):
+        with _controller().limit(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 
     return pinned

@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness_opt import pictures, rotations
+from harness_opt import drawing, opengl, pictures, rotations
+from harness_opt.camera import TITLE_ROOM, Camera
 from harness_opt.clearance import measure
+from harness_opt.drawing import CABLES, SIZE, TOUCHES, Moment
 from harness_opt.errors import HarnessError
-from harness_opt.limits import cable_limits
+from harness_opt.limits import all_limits
 from harness_opt.motion import simulate
-from harness_opt.pictures import AFTER, CABLES, SIZE, TOUCHES, Camera, Moment, Window
+from harness_opt.outer_loop import redesign
+from harness_opt.pictures import AFTER
 from harness_opt.problem import (
     Body,
     Box,
@@ -35,9 +38,9 @@ from harness_opt.problem import (
     Variable,
 )
 from harness_opt.problem_file import write_problem
-from harness_opt.outer_loop import redesign
 from harness_opt.results import Motion
 from harness_opt.scene import load_scene
+from harness_opt.window import KEPT, Window, read_motion
 
 UP, ALONG = (tuple(rotations.from_tangent(way)) for way in ((0, 0, 1), (1, 0, 0)))
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="windows come without X11 elsewhere")
@@ -111,7 +114,7 @@ def like(image: np.ndarray, colour: str) -> int:
 def view_of(motion: Motion):
     scene = load_scene(motion.problem)
     found = measure(motion.problem, scene, motion.motion, motion.cables)
-    return pictures.worst_view(motion, scene, (*found.limits, *cable_limits(motion.problem, motion)), "Worst")
+    return pictures.worst_view(motion, scene, all_limits(motion.problem, motion, found), "Worst")
 
 
 def names(actors, kind: str) -> set[str]:
@@ -163,8 +166,8 @@ def test_what_is_run_into_is_glass_and_the_cable_red_in_it(pyvista, two_cables):
     opacity = {name: plotter.actors[f"part:{name}"].prop.opacity for name in two_cables.problem.parts}
     plotter.close()
     assert {name for name, value in opacity.items() if value < 1} == {"mast"}
-    points, colours = pictures.cable_colours(view.moment, view.row.cable)
-    red = np.all(colours == pictures._rgb(TOUCHES), axis=1)
+    points, colours = drawing.cable_colours(view.moment, view.row.cable)
+    red = np.all(colours == drawing.rgb(TOUCHES), axis=1)
     radius = two_cables.problem.cables[view.row.cable].cable.radius
     inside = np.hypot(points[:, 0], points[:, 1]) < 0.02 + radius
     assert np.array_equal(red, inside & (points[:, 2] < 0.2 + radius))
@@ -222,20 +225,20 @@ def test_nothing_solved_draws_nothing(two_cables, tmp_path):
 
 def test_camera_sees_the_cables_at_all_moments(pyvista, two_cables):
     moment = view_of(two_cables).moment
-    meshes = {name: pictures.solid(part) for name, part in moment.scene.parts.items()}
+    meshes = {name: drawing.solid(part) for name, part in moment.scene.parts.items()}
     for aspect in (16 / 9, 8 / 9):
         camera = Camera.of([moment], meshes, aspect)
         assert camera.up[2] > 0.3 and camera.back[2] > 0, "z up, from above"
         for cable in two_cables.cables.values():
             at = camera.project(cable.position.reshape(-1, 3))
-            assert at.min() > 0.05 and at[:, 0].max() < 0.95 and at[:, 1].max() < 1 - pictures.TITLE_ROOM
+            assert at.min() > 0.05 and at[:, 0].max() < 0.95 and at[:, 1].max() < 1 - TITLE_ROOM
         point = np.array([0.03, -0.02, 0.1])
         assert camera.unproject(camera.project(point[None])[0], point) == pytest.approx(point, abs=1e-12)
 
 
 def test_camera_looks_across_the_plane_of_the_motion(pyvista, design):
     moment = Moment.of(design.motion, load_scene(design.problem), 0)
-    camera = Camera.of([moment], {name: pictures.solid(part) for name, part in moment.scene.parts.items()}, 1.0)
+    camera = Camera.of([moment], {name: drawing.solid(part) for name, part in moment.scene.parts.items()}, 1.0)
     assert abs(camera.back[1]) > 0.85, "the hinge's axis is y"
 
 
@@ -258,13 +261,13 @@ def folder(two_cables, tmp_path) -> Path:
     place = tmp_path / "result"
     place.mkdir()
     (place / "summary.json").write_text(json.dumps(summary))
-    arrays = {f"{n}/{key}": getattr(c, key) for n, c in two_cables.cables.items() for key in pictures.KEPT}
+    arrays = {f"{n}/{key}": getattr(c, key) for n, c in two_cables.cables.items() for key in KEPT}
     np.savez(place / "motion.npz", motion=two_cables.motion, **arrays)
     return place
 
 
 def test_window_follows_the_motion(pyvista, folder, two_cables):
-    motion, worst = pictures.read_motion(folder)
+    motion, worst = read_motion(folder)
     assert worst == 0.5
     window = Window(motion, worst, off_screen=True)
     actors = window.plotter.actors
@@ -282,7 +285,7 @@ def test_window_follows_the_motion(pyvista, folder, two_cables):
 
 
 def test_window_steps_and_plays(pyvista, folder):
-    window = Window(*pictures.read_motion(folder), off_screen=True)
+    window = Window(*read_motion(folder), off_screen=True)
     window.go(0.0)
     window.step(1)
     assert window.at == window.motion.motion[1]
@@ -314,8 +317,8 @@ def test_without_a_screen_one_line_says_so(pyvista, folder, monkeypatch, capfd, 
 @linux
 def test_without_opengl_one_line_names_the_remedy(pyvista, two_cables, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv(pictures.WINDOW_VARIABLE, raising=False)
-    monkeypatch.setattr(pictures, "_loads", lambda library: False)
+    monkeypatch.delenv(opengl.WINDOW_VARIABLE, raising=False)
+    monkeypatch.setattr(opengl, "_loads", lambda library: False)
     with pytest.raises(HarnessError, match=r"found no OpenGL .* apt-get install libegl1") as caught:
         pictures.write_pictures(two_cables, tmp_path)
     assert "\n" not in str(caught.value)
