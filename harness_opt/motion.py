@@ -196,8 +196,9 @@ class _Follower:
         self.append(swung)
         return True
 
-    def run_all(self, guesses: Sequence[Solved | None] | None) -> tuple[Status, str]:
-        """Solve all frames; stability is checked batch by batch, and a lost one is gone back to."""
+    def run_all(self, guesses: Sequence[Solved | None] | None, together: int) -> tuple[Status, str]:
+        """Solve all frames; stability is checked for ``together`` at a time (0: not at all), and gone back to if lost.
+        """
         checked, total = 0, len(self.motion)
         given: Sequence[Solved | None] = guesses or [None] * total
         first = self.start(given[0])
@@ -212,7 +213,7 @@ class _Follower:
                 return Status.NO_START, self.failure(0, "the first shape could not be refined")
         self.frames.append(first)
         while True:
-            while len(self.frames) < total and len(self.frames) - checked < BATCH:
+            while len(self.frames) < total and (not together or len(self.frames) - checked < together):
                 solved = self.advance(given[len(self.frames)]) or self.snap(self.frames[-1])
                 if solved is None:
                     return Status.STEP_TOO_SMALL, self.failure(
@@ -221,6 +222,8 @@ class _Follower:
                 self.append(solved)
                 if self.progress:
                     self.progress(self.name, len(self.frames), total)
+            if not together:
+                return Status.OK, ""
             rods, kind = batch(self.frames[checked:]), first.case.boundary.kind
             lost = np.zeros(0, dtype=int) if surely_stable(rods, kind) else np.flatnonzero(stability(rods, kind).index)
             lost = lost[[checked + k not in {f for f, _ in self.snaps} for k in lost]] if len(lost) else lost
@@ -259,6 +262,7 @@ def sweep(
     elements: int | None = None,
     guesses: Sequence[Solved | None] | None = None,
     margins: bool = True,
+    look: bool = False,
     progress: Progress | None = None,
 ) -> Sweep:
     """Follow the cable ``name`` over ``motion`` (P,).
@@ -273,11 +277,12 @@ def sweep(
         elements: least number of elements; None leaves it to the tolerance.
         guesses: solves of a like motion to start from, one a frame or None.
         margins: False leaves the stability margins out (NaN); whether the frames are stable is checked all the same.
+        look: leaves out stability and accuracy both, for a first look at a design.
         progress: called with the cable's name, frames done, frames in all.
     """
     follower = _Follower(problem, name, motion, solver, elements or 0, progress)
     try:
-        status, message = follower.run_all(guesses)
+        status, message = follower.run_all(guesses, BATCH if not look else 0)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
         status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
     frames = follower.frames
@@ -285,8 +290,10 @@ def sweep(
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
         return Sweep((), np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
-    frames, errors = _accurate(frames, tolerance, solver)
-    if status.ok and not np.max(errors) <= tolerance:
+    errors = np.full(len(frames), np.nan)
+    if not look:
+        frames, errors = _accurate(frames, tolerance, solver)
+    if not look and status.ok and not np.max(errors) <= tolerance:
         worst = int(np.argmax(errors))
         status = Status.INACCURATE
         message = (
@@ -294,7 +301,7 @@ def sweep(
             f"length, asked for {tolerance:.1e}); try a looser tolerance"
         )
     rods = batch(frames)
-    if margins:
+    if margins and not look:
         answer = stability(rods, frames[0].case.boundary.kind)
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))

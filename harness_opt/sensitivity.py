@@ -55,7 +55,7 @@ class _NodeRates:
     unknowns: Array
 
 
-def _node_rates(swept: Sweep, clamps: ClampRates) -> _NodeRates:
+def _node_rates(swept: Sweep, clamps: ClampRates, exact: bool) -> _NodeRates:
     first = swept.frames[0].case
     length, count = swept.units.length, len(clamps.length)
     # f L^3 / B and omega_rest L grow with the length
@@ -69,7 +69,8 @@ def _node_rates(swept: Sweep, clamps: ClampRates) -> _NodeRates:
             x, gap=gap, start_turn=clamps.start_turn, end_turn=clamps.end_turn, rest=rest, load=load,
             loads=_applied_rates(bound.boundary, clamps, length),
         )  # fmt: skip
-        dx = -frame.factor.solve(change)
+        left_behind = None if exact else frame.solution.factor
+        dx = -(left_behind or frame.factor).solve(change)
         unknowns.append(dx)
         stride = bound.transcription.stages + 1
         _, places, turns = bound.centreline_rates(x, dx)
@@ -92,9 +93,18 @@ def _applied_rates(boundary: Boundary, clamps: ClampRates, length: float) -> dic
     }
 
 
-def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array) -> ShapeRates:
-    """Return the rates of all quantities of a swept cable at ``stations`` (N,), arc lengths over the length."""
-    nodes, rod, units = _node_rates(swept, clamps), swept.rod, swept.units
+def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array, *, exact: bool = True) -> ShapeRates:
+    """Return the rates of all quantities of a swept cable.
+
+    Args:
+        swept: the cable, P frames.
+        clamps: what moves its clamps, k variables.
+        stations: arc lengths over the length, (N,).
+        exact: False takes the factors that the solver has left behind, from just beside the solution: good to a per
+            cent
+            or better, for a step of an optimiser.
+    """
+    nodes, rod, units = _node_rates(swept, clamps, exact), swept.rod, swept.units
     count, frames = len(clamps.length), len(swept.frames)
     out = {name: np.zeros((frames, len(stations), 3, count)) for name in ("r", "omega", "force", "moment")}
     for j in range(count):

@@ -109,7 +109,7 @@ class Trials:
                 close = near.predicted(name, values) if near else {}
                 guesses = [close.get(index) for index in indices]
                 sweeps[name] = sweep(
-                    changed, name, motion_values, solver=self.solver, guesses=guesses, margins=False,
+                    changed, name, motion_values, solver=self.solver, guesses=guesses, margins=False, look=look,
                     progress=self.progress,
                 )  # fmt: skip
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
@@ -124,6 +124,6 @@ class Trials:
         if not look:
             for name, swept in sweeps.items():
                 clamps = design_variables.clamp_rates(self.problem, name, values, motion_values)
-                rates[name] = shape_rates(swept, clamps, motion.cables[name].s / swept.units.length)
+                rates[name] = shape_rates(swept, clamps, motion.cables[name].s / swept.units.length, exact=False)
         rows = linearised(changed, motion, clearances, rates, self.asked, len(values))
         return Trial(values, indices, sweeps, motion, clearances, rates, rows)

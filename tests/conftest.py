@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 
 
 @pytest.fixture
 def rng():
     return np.random.default_rng(20240611)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with the mesh that the problem file of ``problem_files.py`` names, and with two that are none."""
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.box((60, 40, 30)).export(tmp_path / "meshes" / "housing.stl")
+    (tmp_path / "meshes" / "empty.stl").touch()
+    (tmp_path / "meshes" / "housing.step").write_text("ISO-10303-21;")
+    return tmp_path
