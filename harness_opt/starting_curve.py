@@ -17,6 +17,7 @@ from .boundary import Boundary
 from .rotations import Array
 
 FINE = 241  # points for measuring the length of the curve
+LEAST_PULL = 0.1  # end slope of the cubic that still holds the tangents at the ends
 DIRECT = 0.75  # end distance taken for a cable whose gap is not given, in lengths
 
 
@@ -49,6 +50,20 @@ def _bisect(too_long: Callable[[float], bool], low: float, high: float) -> float
     return 0.5 * (low + high)
 
 
+def _pull(gap: Array, t0: Array, t1: Array) -> float:
+    """Return the end slopes of the cubic: 1, or less where it would run backwards in its middle.
+
+    A cubic that runs backwards and is bowed sideways closes to a loop, a whole turn away from the open arch.
+    """
+    forward = t0 + t1
+    size = float(np.linalg.norm(forward))
+    ahead = float(gap @ forward) / size if size > 1e-9 else 0.0
+    if ahead <= 0.0:
+        return 1.0
+    # slope in the middle: 3/2 gap - pull (t0 + t1) / 4
+    return min(1.0, max(LEAST_PULL, 6.0 * ahead / size))
+
+
 def _unit_length_points(gap: Array, t0: Array, t1: Array, wish: Array) -> Array:
     """Return points (FINE, 3) of a curve of length 1 from 0 to ``gap`` that starts along t0 and ends along t1."""
     u = np.linspace(0.0, 1.0, FINE)
@@ -56,12 +71,13 @@ def _unit_length_points(gap: Array, t0: Array, t1: Array, wish: Array) -> Array:
     def plain(pull: float) -> Array:
         return _hermite(gap, t0, t1, pull, u)
 
-    if _length(plain(1.0)) > 1.0:
-        return plain(_bisect(lambda pull: _length(plain(pull)) > 1.0, 0.0, 1.0))
+    most = _pull(gap, t0, t1)
+    if _length(plain(most)) > 1.0:
+        return plain(_bisect(lambda pull: _length(plain(pull)) > 1.0, 0.0, most))
     side = _sideways(gap, t0, t1, wish)
     bump = np.sin(np.pi * u[:, None]) ** 2 * side  # level at both ends, so that the tangents stay
-    height = _bisect(lambda a: _length(plain(1.0) + a * bump) > 1.0, 0.0, 1.0)
-    return plain(1.0) + height * bump
+    height = _bisect(lambda a: _length(plain(most) + a * bump) > 1.0, 0.0, 1.0)
+    return plain(most) + height * bump
 
 
 def _resample(points: Array, s: Array) -> Array:

@@ -15,6 +15,8 @@ from ..errors import Status
 
 Array = NDArray[np.float64]
 
+QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}  # keeps IPOPT off stdout
+
 
 @dataclass(frozen=True)
 class LeastSquares:

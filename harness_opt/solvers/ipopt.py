@@ -13,9 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import Status
-from .interface import Array, LeastSquares, Options, Solution, largest
-
-QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+from .interface import QUIET, Array, LeastSquares, Options, Solution, largest
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:

@@ -21,7 +21,7 @@ from .. import rod
 from ..boundary import Boundary
 from ..rod import Section
 from ..rotations import Array
-from ..solvers.ipopt import QUIET
+from ..solvers.interface import QUIET
 
 SEGMENTS = 24
 ITERATIONS = 300
