@@ -134,6 +134,17 @@ class Case:
     load: Array
     boundary: Boundary
 
+    def signed_like(self, start: Array, end: Array) -> Case:
+        """Return the case with the clamps' quaternions of the signs nearest to ``start`` and ``end`` (4,).
+
+        q and -q are one orientation; along a cable and a motion the sign carries the parity of the whole turns.
+        """
+        signed = {}
+        for name, near in (("start_quaternion", start), ("end_quaternion", end)):
+            q = getattr(self.boundary, name)
+            signed[name] = q if q @ near >= 0 else -q
+        return dataclasses.replace(self, boundary=dataclasses.replace(self.boundary, **signed))
+
     def blend(self, other: Case, fraction: float) -> Case:
         """Return the case ``fraction`` of the way to ``other``; stiffness ratios change geometrically."""
         stiffness = self.section.stiffness ** (1.0 - fraction) * other.section.stiffness**fraction

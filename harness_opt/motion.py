@@ -112,13 +112,9 @@ class _Follower:
     def case_at(self, ends: tuple[End, End], near: Case | None) -> Case:
         """Return the case of ``ends``, its quaternions signed like those of ``near``."""
         posed = case(self.run.cable, *ends, self.gravity)
-        if near is None:
-            return posed
-        changed = {}
-        for side in ("start_quaternion", "end_quaternion"):
-            q = getattr(posed.boundary, side)
-            changed[side] = q if q @ getattr(near.boundary, side) >= 0 else -q
-        return dataclasses.replace(posed, boundary=dataclasses.replace(posed.boundary, **changed))
+        return (
+            posed if near is None else posed.signed_like(near.boundary.start_quaternion, near.boundary.end_quaternion)
+        )
 
     def start(self, guess: Solved | None) -> Solved | None:
         """Solve the first frame."""
@@ -197,8 +193,7 @@ class _Follower:
         return True
 
     def run_all(self, guesses: Sequence[Solved | None] | None, together: int) -> tuple[Status, str]:
-        """Solve all frames; stability is checked for ``together`` at a time (0: not at all), and gone back to if lost.
-        """
+        """Solve all frames; stability is checked for ``together`` at a time (0: not at all), and gone back to if lost."""
         checked, total = 0, len(self.motion)
         given: Sequence[Solved | None] = guesses or [None] * total
         first = self.start(given[0])

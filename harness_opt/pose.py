@@ -143,20 +143,29 @@ def equilibrium(  # noqa: PLR0913
         SolveError: no shape was found (only where ``throw``).
     """
     check_method(transcription, solver)
-    acceleration = np.asarray(gravity, dtype=float)
-    if acceleration.shape != (3,) or not np.all(np.isfinite(acceleration)):
-        raise ProblemError(f"gravity: found {gravity!r}, expected 3 finite numbers")
-    posed = case(cable, start, end, acceleration)
+    posed = case(cable, start, end, _vector("gravity", gravity))
+    direction = None if bow is None else _vector("bow", bow)
+    if direction is not None and not np.any(direction):
+        raise ProblemError(f"bow: found {bow!r}, expected a direction")
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise ProblemError(f"tolerance: found {tolerance!r}, expected a number above 0")
     if guess is not None:
         mesh = guess._rod.mesh
+        posed = posed.signed_like(guess._rod.q[0], guess._rod.q[-1])
         solved: Solved | None = solve_on(posed, mesh, resample(guess._rod, mesh), solver)
     else:
-        direction = None if bow is None else np.asarray(bow, dtype=float)
         solved = cold_start(posed, end.turns, direction, solver)
     shape = _shape(cable, start, end, solved, tolerance, stations, solver)
     if throw and not shape.ok:
         raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
     return shape
+
+
+def _vector(name: str, value: ArrayLike) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise ProblemError(f"{name}: found {value!r}, expected 3 finite numbers")
+    return array
 
 
 def _shape(

@@ -143,7 +143,8 @@ class End:
                 object.__setattr__(self, name, _numbers(name, getattr(self, name), 3))
         if self.quaternion is not None:
             object.__setattr__(self, "quaternion", _quaternion("quaternion", self.quaternion))
-        if isinstance(self.turns, bool) or self.turns != int(self.turns):
+        whole = isinstance(self.turns, (int, float)) and not isinstance(self.turns, bool)
+        if not whole or not math.isfinite(self.turns) or self.turns != int(self.turns):
             raise ProblemError(f"turns: found {self.turns!r}, expected a whole number")
         object.__setattr__(self, "turns", int(self.turns))
 

@@ -32,6 +32,7 @@ POINTS = 5  # Gauss points an element: exact for the products of polynomials, an
 # A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
+RANK = 1e-9  # singular values below this fraction of the largest count as zero
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
@@ -137,17 +138,22 @@ def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
 
 
 def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
-    """Return Q's matrix on an orthonormal (in the mass) basis of the allowed fields, that basis, and the load scale."""
+    """Return Q's matrix on fields orthonormal in the mass, the basis of these fields, and the load scale.
+
+    Fields that would move the end are given an eigenvalue far above all others rather than being left out: how many
+    there are depends on the shape (two for a straight one, three for all others).
+    """
     matrix, constraint, mass, scale = _allowed(rod, kind)
     # with phi = L^-T u, mass = L L^T, the eigenvalues against the mass are ordinary ones
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
-    basis = np.broadcast_to(whiten.T, matrix.shape)
     if kind.start_position and kind.end_position:
-        complement = np.linalg.qr(np.swapaxes(constraint @ whiten.T, -1, -2), mode="complete")[0][..., 3:]
-        matrix = np.swapaxes(complement, -1, -2) @ matrix @ complement
-        basis = basis @ complement
-    return matrix, basis, scale
+        moving = constraint @ whiten.T
+        projector = np.linalg.pinv(moving, rcond=RANK) @ moving
+        still = np.eye(matrix.shape[-1]) - projector
+        far = 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
+        matrix = still @ matrix @ still + far * projector
+    return matrix, whiten.T, scale
 
 
 def stability(rod: Rod, kind: Kind) -> Stability:

@@ -97,7 +97,11 @@ def test_every_solver_finds_the_elastica(solver):
     shape = ho.equilibrium(
         unit_cable(), ho.End((0, 0, 0), ALONG_X), ho.End((0.6, 0, 0), ALONG_X), bow=(0, 0, 1), solver=solver
     )
-    assert elastica_error(shape.position, shape.s, 0.6, np.array([0, 0, 1.0])) < SHAPE
+    # the cable may turn freely about its chord: the shape is exact, its plane is kept but for what a solver lets slip
+    across = shape.position[50] * (0, 1, 1)
+    bow = across / np.linalg.norm(across)
+    assert np.linalg.norm(bow - (0, 0, 1)) < 1e-5
+    assert elastica_error(shape.position, shape.s, 0.6, bow) < SHAPE
 
 
 # --- cantilever under a dead force across it ----------------------------------------------------------------

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from harness_opt import cli, continuation, motion, redesign, tables
+from harness_opt import cli, continuation, motion, outer_loop, tables
 from harness_opt.cli import main
 from harness_opt.errors import HarnessError, SolveError, Status
 from harness_opt.problem_file import read_problem
@@ -344,7 +344,7 @@ def test_redesign_whose_first_shape_is_not_found(here, capsys, monkeypatch):
         part = Motion(problem, np.zeros(0), {}, Status.OK)
         raise SolveError("cable lead, frame 0: none; try more length", Status.NO_START, part)
 
-    monkeypatch.setattr(redesign, "redesign", fail)
+    monkeypatch.setattr(outer_loop, "redesign", fail)
     assert main(["redesign", put(HIT), *PLAIN]) == 3
     assert "try more length" in " ".join(capsys.readouterr().out.split())
     content = read_results("results/flap").summary

@@ -32,7 +32,9 @@ class Setup(NamedTuple):
     bow: tuple[float, float, float] | None = None
 
     def solve(self, **options: object) -> ho.Shape:
-        shape = ho.equilibrium(self.cable, self.start, self.end, self.gravity, bow=self.bow, tolerance=1e-10, **options)
+        shape = ho.equilibrium(
+            self.cable, self.start, self.end, self.gravity, bow=self.bow, **({"tolerance": 1e-10} | options)
+        )
         assert shape.ok
         return shape
 
@@ -76,11 +78,6 @@ CASES = {
     ),
 }
 BY_CASE = pytest.mark.parametrize("name", CASES)
-EVERY_KIND = [
-    "clamped, heavy",
-    "clamped, weightless, flat",
-    "clamped, two turns",
-]  # those with the same two kinds of end
 
 
 def assert_same(found: dict, expected: dict, length: float = 1.0) -> None:
@@ -264,7 +261,7 @@ def test_sign_of_a_quaternion_means_nothing(name, side):
 def test_sign_of_a_quaternion_means_nothing_to_a_warm_start(side):
     case = CASES["clamped, heavy"]
     guess = case.solve()
-    heavier = case._replace(cable=dataclasses.replace(case.cable, mass_per_length=10.0))
+    heavier = case._replace(cable=dataclasses.replace(case.cable, mass_per_length=20.0))
     expected = heavier.solve(guess=guess)
     other = heavier._replace(**{side: negated(getattr(case, side))}).solve(guess=guess)
     assert_same(arrays(other), arrays(expected))
@@ -273,7 +270,7 @@ def test_sign_of_a_quaternion_means_nothing_to_a_warm_start(side):
 @BY_CASE
 @pytest.mark.parametrize("solver", SOLVERS[1:])
 def test_solver_does_not_change_the_shape(name, solver):
-    assert_same(arrays(CASES[name].solve(solver=solver)), arrays(CASES[name].solve()))
+    assert_same(arrays(CASES[name].solve(solver=solver, tolerance=5e-10)), arrays(CASES[name].solve()))
 
 
 @BY_CASE

@@ -19,21 +19,25 @@ SMALLEST_STEP = 1e-4  # a shorter fraction of the step makes no progress worth t
 CONTRACTION = (
     0.1  # while |R| falls by this factor a step, the Jacobian is kept: a chord step costs a tenth of a full one
 )
+SMALL = 1e-10  # largest entry of a last step that leaves nothing to gain
+POLISH = 2  # most steps once the residual is small: where the problem is badly conditioned, that is not enough
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
-    factor, stale = None, True
+    factor, stale, size = None, True, np.inf
     status = Status.ITERATION_LIMIT
     residual = problem.residual(x)
-    best = largest(residual)
+    best, polished = largest(residual), 0
     for iteration in range(options.iterations + 1):
         if not np.isfinite(best):
             status = Status.NOT_FINITE
             break
         if best <= options.tolerance:
             status = Status.OK
-            break
+            if size <= SMALL or polished == POLISH:
+                break
+            polished += 1
         if iteration == options.iterations:
             break
         if stale:
@@ -45,11 +49,13 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         step = -factor.solve(residual)  # type: ignore[union-attr]
         length, trial = _search(problem, x, step, residual)
         if length == 0.0:
+            if status.ok:
+                break
             if stale:
                 return Solution(x, Status.STALLED, best, iteration, factor)
             stale = True  # the old Jacobian gave no descent: take the step again with a new one
             continue
-        x = x + length * step
+        x, size = x + length * step, length * largest(step)
         stale = length < 1.0 or largest(trial) > CONTRACTION * best
         residual, best = trial, largest(trial)
     return Solution(x, status, best, iteration, factor)

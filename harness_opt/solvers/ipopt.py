@@ -15,6 +15,8 @@ import numpy as np
 from ..errors import Status
 from .interface import QUIET, Array, LeastSquares, Options, Solution, largest
 
+FINAL = 1e-3  # of the tolerance: where the problem is badly conditioned, a residual just below it is not enough
+
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
@@ -37,7 +39,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         **QUIET,
         "hess_lag": hessian,
         "ipopt.max_iter": options.iterations,
-        "ipopt.tol": options.tolerance,
+        "ipopt.tol": FINAL * options.tolerance,
     }
     solver = ca.nlpsol("least_squares", "ipopt", nlp, settings)
     start = np.concatenate([x, problem.residual(x)])

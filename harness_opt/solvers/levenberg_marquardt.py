@@ -7,12 +7,14 @@ mu = |J^T F|, and More's scale matrix D ("The Levenberg-Marquardt algorithm", LN
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 
 from ..errors import Status
 from .interface import Array, LeastSquares, Options, Solution, largest
 
 START = 1e-3  # first damping, relative to the scaled problem
+LEAST = 1e-14  # damping of a last, polishing step; keeps a rank-deficient system regular
 STEP_LIMIT = 1e-15  # a relative step below this is rounding
 
 
@@ -22,27 +24,27 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     if not np.all(np.isfinite(residual)):
         return Solution(x, Status.NOT_FINITE, np.inf, 0)
     scale = np.zeros_like(x)
-    damping, growth = START, 2.0
+    damping, growth, small = START, 2.0, False
     for iteration in range(options.iterations):
         if largest(residual) <= options.tolerance:
-            return Solution(x, Status.OK, largest(residual), iteration)
-        dense = jacobian.toarray()
-        scale = np.maximum(scale, np.linalg.norm(dense, axis=0))
+            if small:
+                return Solution(x, Status.OK, largest(residual), iteration)
+            small, damping = True, LEAST  # one last step: where the problem is badly conditioned, it counts
+        scale = np.maximum(scale, spla.norm(jacobian, axis=0))
         weights = np.where(scale > 0, scale, 1.0)
-        # the normal equations would square the condition number: solve the stacked system by QR instead
-        stacked = np.vstack([dense / weights, np.sqrt(damping) * np.eye(len(x))])
-        target = np.concatenate([-residual, np.zeros(len(x))])
-        scaled_step = scipy.linalg.lstsq(stacked, target, lapack_driver="gelsy", check_finite=False)[0]
-        step = scaled_step / weights
-        trial = problem.residual(x + step)
+        scaled = jacobian @ sp.diags_array(1.0 / weights)
+        scaled_step = damped_step(sp.csc_array(scaled), residual, damping)
+        trial = problem.residual(x + scaled_step / weights)
         cost = residual @ residual
-        predicted = scaled_step @ (damping * scaled_step - (dense / weights).T @ residual)
+        predicted = scaled_step @ (damping * scaled_step - scaled.T @ residual)
         gain = (cost - trial @ trial) / predicted if predicted > 0 and np.all(np.isfinite(trial)) else -1.0
         if gain > 0:
-            x = x + step
+            x = x + scaled_step / weights
             residual, jacobian = problem.linearise(x)
             damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
             growth = 2.0
+        elif small:
+            break
         else:
             damping *= growth
             growth *= 2.0
@@ -50,3 +52,16 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
                 return Solution(x, Status.STALLED, largest(residual), iteration + 1)
     status = Status.OK if largest(residual) <= options.tolerance else Status.ITERATION_LIMIT
     return Solution(x, status, largest(residual), options.iterations)
+
+
+def damped_step(jacobian: sp.csc_array, residual: Array, damping: float) -> Array:
+    """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2.
+
+    By the augmented system [I J; J^T -damping I] [s; p] = [-r; 0], sparse and without the squared condition number
+    of the normal equations (Bjoerck, "Numerical Methods for Least Squares Problems", section 2.6).
+    """
+    rows, columns = jacobian.shape
+    system = sp.block_array(
+        [[sp.eye_array(rows), jacobian], [jacobian.T, -damping * sp.eye_array(columns)]], format="csc"
+    )
+    return spla.splu(system).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]

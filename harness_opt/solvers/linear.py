@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# An estimated condition number above this marks a rank deficiency: a straight cable, or a cable that may turn
-# freely about coaxial clamps. Regular cases stay well below it for every stiffness ratio up to 1e3 and every weight
-# up to 1e6.
-CONDITION_LIMIT = 1e13
+# A condition number above this marks a rank deficiency (a straight cable, a cable that may turn freely about
+# coaxial clamps), if it stays above it with rows and columns scaled to the same size: heavy and stiff cables only
+# look singular.
+CONDITION_LIMIT = 1e9
 RANK_TOLERANCE = 1e-11  # singular values below this fraction of the largest count as zero
 
 
@@ -64,14 +64,14 @@ def factorise(jacobian: sp.csc_array) -> Factor:
     if lu is None:
         return Factor(jacobian, None)
     condition, right = _condition(jacobian, lu, "T", "N")
-    if condition < CONDITION_LIMIT:
+    if condition < CONDITION_LIMIT or _scaled_condition(jacobian) < CONDITION_LIMIT:
         return Factor(jacobian, lu)
     if np.isfinite(condition):
         left = _condition(jacobian, lu, "N", "T")[1]
         size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
         border = sp.block_array([[jacobian, size * left[:, None]], [size * right[None, :], None]], format="csc")
         bordered = _lu(border)
-        if bordered is not None and _condition(border, bordered, "T", "N")[0] < CONDITION_LIMIT:
+        if bordered is not None and _scaled_condition(border) < CONDITION_LIMIT:
             return Factor(jacobian, bordered, bordered=True)
     return Factor(jacobian, None)
 
@@ -84,6 +84,16 @@ def _lu(matrix: sp.csc_array) -> Any:
             return spla.splu(matrix)
         except RuntimeError:  # SuperLU: "Factor is exactly singular"
             return None
+
+
+def _scaled_condition(matrix: sp.csc_array) -> float:
+    """Return the condition number of ``matrix`` with its rows, then its columns, scaled to a largest entry of 1."""
+    rows = spla.norm(matrix, np.inf, axis=1)
+    scaled = sp.diags_array(1.0 / np.where(rows > 0, rows, 1.0)) @ matrix
+    columns = spla.norm(scaled, np.inf, axis=0)
+    scaled = sp.csc_array(scaled @ sp.diags_array(1.0 / np.where(columns > 0, columns, 1.0)))
+    lu = _lu(scaled)
+    return np.inf if lu is None else _condition(scaled, lu, "T", "N")[0]
 
 
 def _condition(matrix: sp.csc_array, lu: Any, first: str, second: str) -> tuple[float, Array]:
