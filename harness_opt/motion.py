@@ -193,7 +193,7 @@ class _Follower:
         return True
 
     def run_all(self, guesses: Sequence[Solved | None] | None, together: int) -> tuple[Status, str]:
-        """Solve all frames; stability is checked for ``together`` at a time (0: not at all), and gone back to if lost."""
+        """Solve all frames; stability is checked for ``together`` at a time (0: never), and gone back to where lost."""
         checked, total = 0, len(self.motion)
         given: Sequence[Solved | None] = guesses or [None] * total
         first = self.start(given[0])

@@ -13,7 +13,7 @@ from .problem import Problem
 from .rotations import Array
 
 STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
-TURN_STEP = np.deg2rad(5.0)  # most that a clamp turns between two frames
+LEVER = 0.25  # of the cable's length: a clamp's turn counts as the travel of a point that far away
 PATH_SAMPLES = 2001  # for measuring the path of the clamps
 MOST_FRAMES = 20_000
 
@@ -21,12 +21,14 @@ MOST_FRAMES = 20_000
 def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
     """Return the motion values (P,) from 0 to 1 of the frames to solve.
 
-    Between two frames no clamp moves by more than the spatial step or turns by more than 5 degrees, so a clamp that
-    turns on the spot is followed too.
+    Between two frames no clamp moves by more than the spatial step, and none turns by more than moves a point a quarter
+    of the cable's length away by as much: a clamp that turns on the spot is followed too.
 
     Raises:
-        ProblemError: more than MOST_FRAMES frames would be needed.
+        ProblemError: a step that is not above 0; more than MOST_FRAMES frames would be needed.
     """
+    if spatial_step is not None and not (np.isfinite(spatial_step) and spatial_step > 0):
+        raise ProblemError(f"spatial_step: found {spatial_step!r}, expected a number above 0")
     if not problem.moves:
         return np.zeros(1)
     longest = max(run.cable.length for run in problem.cables.values())
@@ -43,7 +45,7 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
                 np.linalg.norm(np.diff(quaternion, axis=0), axis=1),
                 np.linalg.norm(quaternion[1:] + quaternion[:-1], axis=1),
             )
-            increments = np.maximum(increments, np.maximum(moved, turned / TURN_STEP))
+            increments = np.maximum(increments, np.maximum(moved, LEVER * run.cable.length * turned / allowed))
     run_so_far = np.concatenate([[0.0], np.cumsum(increments)])
     count = int(np.ceil(run_so_far[-1] - 1e-9)) + 1
     if count > MOST_FRAMES:

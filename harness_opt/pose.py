@@ -149,11 +149,12 @@ def equilibrium(  # noqa: PLR0913
         raise ProblemError(f"bow: found {bow!r}, expected a direction")
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise ProblemError(f"tolerance: found {tolerance!r}, expected a number above 0")
-    if guess is not None:
+    solved: Solved | None = None
+    if guess is not None and guess.ok:
         mesh = guess._rod.mesh
         posed = posed.signed_like(guess._rod.q[0], guess._rod.q[-1])
-        solved: Solved | None = solve_on(posed, mesh, resample(guess._rod, mesh), solver)
-    else:
+        solved = solve_on(posed, mesh, resample(guess._rod, mesh), solver)
+    elif guess is None:
         solved = cold_start(posed, end.turns, direction, solver)
     shape = _shape(cable, start, end, solved, tolerance, stations, solver)
     if throw and not shape.ok:

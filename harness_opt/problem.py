@@ -59,6 +59,13 @@ def _positive(name: str, value: float, *, zero: bool = False) -> float:
     return float(value)
 
 
+def _direction(name: str, value: ArrayLike) -> Vector:
+    vector = _numbers(name, value, 3)
+    if not any(vector):
+        raise ProblemError(f"{name}: found {value!r}, expected a direction, not a zero vector")
+    return vector  # type: ignore[return-value]
+
+
 @dataclass(frozen=True)
 class Cable:
     """A homogeneous, inextensible, unshearable, linearly elastic cable (assumptions of section 2 of the paper).
@@ -176,9 +183,7 @@ class CableRun:
 
     def __post_init__(self) -> None:
         if self.bow is not None:
-            object.__setattr__(self, "bow", _numbers("bow", self.bow, 3))
-            if not any(self.bow):
-                raise ProblemError("bow: found a zero vector, expected a direction")
+            object.__setattr__(self, "bow", _direction("bow", self.bow))
         if self.start.position is None and self.end.position is None:
             raise ProblemError("end.position: neither end has a position, so the cable would fly away")
 
@@ -197,6 +202,11 @@ class Hinge:
     axis: Vector
     start: float
     stop: float
+
+    def __post_init__(self) -> None:
+        _numbers("point", self.point, 3)
+        _direction("axis", self.axis)
+        _numbers("start, stop", (self.start, self.stop), 2)
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
@@ -218,6 +228,10 @@ class Slide:
     direction: Vector
     start: float
     stop: float
+
+    def __post_init__(self) -> None:
+        _direction("direction", self.direction)
+        _numbers("start, stop", (self.start, self.stop), 2)
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
@@ -248,6 +262,10 @@ class Poses:
             raise ProblemError("times: expected at least two increasing numbers")
         if np.shape(self.positions) != (len(times), 3) or np.shape(self.quaternions) != (len(times), 4):
             raise ProblemError("positions, quaternions: expected one row a time")
+        if not (np.all(np.isfinite(times)) and np.all(np.isfinite(self.positions))):
+            raise ProblemError("times, positions: expected finite numbers")
+        for q in self.quaternions:
+            _quaternion("quaternions", q)
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
@@ -418,6 +436,12 @@ class Problem:
     title: str = ""
     file: Path | None = None
     sha256: str | None = None
+
+    def __post_init__(self) -> None:
+        _numbers("gravity", self.gravity, 3)
+        _positive("duration", self.duration)
+        if self.spatial_step is not None:
+            _positive("spatial_step", self.spatial_step)
 
     def body(self, name: str) -> Body:
         """Return the body called ``name``; "world" stands still."""

@@ -238,7 +238,7 @@ def test_end_wrench_makes_a_helix(omega, stiffness, solver):
     assert_same(shape, r, q, omega)
 
 
-@pytest.mark.parametrize(("omega", "stiffness"), [((4, 0, -3), (1, 1, 1.5)), ((5, 0, 3), (1, 1, 0.7))])
+@pytest.mark.parametrize(("omega", "stiffness"), [((4, 0, -3), (1, 1, 1.5)), ((3, 0, 2), (1, 1, 0.7))])
 def test_end_wrench_makes_a_long_helix(omega, stiffness):
     shape, r, q = held_by_wrench(omega, stiffness)
     assert_same(shape, r, q, omega)

@@ -21,7 +21,7 @@ STEP_LIMIT = 1e-15  # a relative step below this is rounding
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
     residual, jacobian = problem.linearise(x)
-    if not np.all(np.isfinite(residual)):
+    if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian.data))):
         return Solution(x, Status.NOT_FINITE, np.inf, 0)
     scale = np.zeros_like(x)
     damping, growth, small = START, 2.0, False
@@ -41,6 +41,8 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         if gain > 0:
             x = x + scaled_step / weights
             residual, jacobian = problem.linearise(x)
+            if not np.all(np.isfinite(jacobian.data)):
+                return Solution(x, Status.NOT_FINITE, largest(residual), iteration + 1)
             damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
             growth = 2.0
         elif small:
