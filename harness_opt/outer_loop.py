@@ -204,9 +204,9 @@ class _Loop:
         if best.violation > HELD:
             starts = self.lower + spread(STARTS * (1 + len(self.range)), len(self.range)) * self.range
             looks = [self.trials(start, None, stride=LOOK_STRIDE, look=True) for start in starts]
-            for look in sorted((look for look in looks if look is not None), key=lambda look: look.violation)[
-                :RESTARTS
-            ]:
+            found = [look for look in looks if look is not None]
+            found.sort(key=lambda look: (max(look.violation, HELD), self.objective(look.values)))
+            for look in found[:RESTARTS]:
                 scout = self.trials(look.values, look, stride=SEARCH_STRIDE)
                 if scout is None:
                     continue

@@ -221,7 +221,8 @@ def assert_same(shape, r, q, omega):
     ("angle", "stiffness", "axis"),
     [
         *((turns * np.pi, (1, 1, 0.7), 1) for turns in (0.5, 1, 1.5, 2)),
-        *((np.pi, (1, 2.5, 1.2), axis) for axis in (0, 1)),
+        (np.pi, (1, 2.5, 1.2), 0),
+        (0.5 * np.pi, (1, 2.5, 1.2), 1),
     ],
 )
 def test_end_moment_makes_a_circular_arc(angle, stiffness, axis):
@@ -238,10 +239,9 @@ def test_end_wrench_makes_a_helix(omega, stiffness, solver):
     assert_same(shape, r, q, omega)
 
 
-@pytest.mark.parametrize(("omega", "stiffness"), [((4, 0, -3), (1, 1, 1.5)), ((3, 0, 2), (1, 1, 0.7))])
-def test_end_wrench_makes_a_long_helix(omega, stiffness):
-    shape, r, q = held_by_wrench(omega, stiffness)
-    assert_same(shape, r, q, omega)
+def test_end_wrench_makes_a_long_helix():
+    shape, r, q = held_by_wrench((4, 0, -3), (1, 1, 1.5))
+    assert_same(shape, r, q, (4, 0, -3))
 
 
 def test_end_wrench_makes_a_helix_of_a_precurved_cable():
@@ -296,8 +296,7 @@ def heavy_cantilever(weight: float, s: np.ndarray) -> np.ndarray:
     return found.sol(s)[:3].T
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("weight", [5.0, 60.0, 1000.0])
+@pytest.mark.parametrize(("weight", "solver"), [(5.0, SOLVERS[0]), *((60.0, s) for s in SOLVERS), (1000.0, SOLVERS[0])])
 def test_heavy_cantilever(weight, solver):
     cable = unit_cable(mass_per_length=weight / 9.81)
     shape = ho.equilibrium(cable, ho.End((0, 0, 0), ALONG_X), ho.End(), (0, 0, -9.81), solver=solver)
