@@ -46,6 +46,7 @@ STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
 NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
 SMALLEST_STEP = 2.0**-12  # of a path step
 COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
+MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
 CALM = 3  # corrector iterations up to which the next step may double
 
 
@@ -221,7 +222,9 @@ def follow(
     """
     here, before, at = start, None, first
     length, previous = last - first, 1.0
-    while at != last:
+    for _ in range(MOST_STEPS):
+        if at == last:
+            break
         target = last if abs(last - at) <= abs(length) * (1.0 + 1e-9) else at + length
         solved = step(path(target), here, before, (target - at) / previous if before else 0.0, solver)
         if solved is None:

@@ -372,7 +372,8 @@ def simulate(
         spatial_step: m; in place of the problem's own.
         elements: least number of elements of a cable; None leaves it to ``tolerance``.
         tolerance: of the centrelines, in lengths of the cable.
-        solver, transcription: names, as in :func:`harness_opt.equilibrium`.
+        solver: name, as in :func:`harness_opt.equilibrium`.
+        transcription: "collocation"; single poses know the paper's too.
         progress: called with a cable's name, frames done, frames in all.
         throw: raise where a shape cannot be found, or return the motion solved until there.
 
@@ -380,7 +381,7 @@ def simulate(
         ProblemError: ends that no shape can join.
         SolveError: a shape could not be found; ``partial`` is the motion until there.
     """
-    check_method(transcription, solver)
+    check_method(transcription, solver, ("collocation",))
     begin = time.perf_counter()
     motion = place_frames(problem, spatial_step)
     sweeps: dict[str, Sweep] = {}

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import rod as rod_module
-from .boundary import case
+from .boundary import Kind, case
 from .cold_start import cold_start
 from .continuation import SOLVERS, Solved, refine, resample, solve_on
 from .errors import ProblemError, SolveError, Status
 from .problem import Cable, End
+from .quadrature_pose import check_points, solve_by_quadrature
 from .rod import Section, Units
 from .rotations import Array
 from .shape import Rod
@@ -89,6 +90,17 @@ class ShapeAt:
     moment: Array
 
 
+@dataclass(frozen=True)
+class Ended:
+    """A solve by either transcription: its rod, status, largest residual, error in L, and iterations."""
+
+    rod: Rod
+    status: Status
+    residual: float
+    error: float
+    iterations: int
+
+
 def _sampled(rod: Rod, units: Units, origin: Array, s: Array) -> ShapeAt:
     samples = rod.sample(s / units.length)
     return ShapeAt(
@@ -101,10 +113,14 @@ def _sampled(rod: Rod, units: Units, origin: Array, s: Array) -> ShapeAt:
     )
 
 
-def check_method(transcription: str, solver: str) -> None:
-    """Raise ProblemError where a transcription or solver of that name does not exist."""
-    if transcription != "collocation":
-        raise ProblemError(f"transcription: found {transcription!r}, expected 'collocation'")
+TRANSCRIPTIONS = ("collocation", "dqm")
+
+
+def check_method(transcription: str, solver: str, transcriptions: tuple[str, ...] = TRANSCRIPTIONS) -> None:
+    """Raise ProblemError where a transcription or solver of that name cannot be had."""
+    if transcription not in transcriptions:
+        expected = " or ".join(map(repr, transcriptions))
+        raise ProblemError(f"transcription: found {transcription!r}, expected {expected}")
     if solver not in SOLVERS:
         raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")
 
@@ -117,6 +133,8 @@ def equilibrium(  # noqa: PLR0913
     gravity: ArrayLike = (0.0, 0.0, 0.0),
     *,
     transcription: str = "collocation",
+    points: int | None = None,
+    closure: bool = False,
     solver: str = "gauss-newton",
     tolerance: float = TOLERANCE,
     stations: int = STATIONS,
@@ -130,7 +148,9 @@ def equilibrium(  # noqa: PLR0913
         cable: the cable.
         start, end: what holds its ends; ``end.turns`` adds whole turns of twist to the starting shape.
         gravity: m/s2, (3,).
-        transcription: "collocation".
+        transcription: "collocation", or "dqm": the paper's own differential quadrature, from the same first shape.
+        points: of "dqm", 5 to 200; None takes as many as the tolerance needs.
+        closure: of "dqm": whether the length closure (25) is among its equations.
         solver: "gauss-newton", "levenberg-marquardt" or "ipopt".
         tolerance: of the centreline, in lengths of the cable; the mesh is refined until the estimate is below.
         stations: number of equally spaced stations returned; :meth:`Shape.at` gives any other.
@@ -143,6 +163,7 @@ def equilibrium(  # noqa: PLR0913
         SolveError: no shape was found (only where ``throw``).
     """
     check_method(transcription, solver)
+    check_points(points)
     posed = case(cable, start, end, _vector("gravity", gravity))
     direction = None if bow is None else _vector("bow", bow)
     if direction is not None and not np.any(direction):
@@ -156,7 +177,14 @@ def equilibrium(  # noqa: PLR0913
         solved = solve_on(posed, mesh, resample(guess._rod, mesh), solver)
     elif guess is None:
         solved = cold_start(posed, end.turns, direction, solver)
-    shape = _shape(cable, start, end, solved, tolerance, stations, solver)
+    if transcription == "dqm" and solved is not None and solved.ok:
+        answer = solve_by_quadrature(
+            solved.case, solved.rod, points, closure=closure, solver=solver, tolerance=tolerance
+        )
+        ended = Ended(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
+        shape = _shape(cable, start, end, solved.case.boundary.kind, ended, stations)
+    else:
+        shape = _by_collocation(cable, start, end, solved, tolerance, stations, solver)
     if throw and not shape.ok:
         raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
     return shape
@@ -169,37 +197,43 @@ def _vector(name: str, value: ArrayLike) -> Array:
     return array
 
 
-def _shape(
+def _by_collocation(
     cable: Cable, start: End, end: End, solved: Solved | None, tolerance: float, stations: int, solver: str
 ) -> Shape:
-    _, units = rod_module.scale(cable)
-    s = np.linspace(0.0, cable.length, stations)
-    if solved is None:
-        return _failed(s, units, Status.NO_START, np.inf, 0)
-    if not solved.ok:
+    """Refine what was solved and return its shape, or a failed one."""
+    if solved is None or not solved.ok:
+        units, s = rod_module.scale(cable)[1], np.linspace(0.0, cable.length, stations)
+        if solved is None:
+            return _failed(s, units, Status.NO_START, np.inf, 0)
         return _failed(s, units, solved.solution.status, solved.solution.residual, solved.solution.iterations)
     solved, error, status = refine(solved, tolerance, solver)
-    rod = solved.rod
-    answer = stability(rod, solved.case.boundary.kind)
+    ended = Ended(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
+    return _shape(cable, start, end, solved.case.boundary.kind, ended, stations)
+
+
+def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, stations: int) -> Shape:
+    """Return a solved rod in SI units."""
+    units, rod = rod_module.scale(cable)[1], ended.rod
+    answer = stability(rod, kind)
     if start.position is not None:
         origin = np.asarray(start.position)
     else:
         origin = np.asarray(end.position) - units.length * rod.r[-1]
-    at = _sampled(rod, units, origin, s)
+    at = _sampled(rod, units, origin, np.linspace(0.0, cable.length, stations))
     return Shape(
-        s,
+        at.s,
         at.position,
         at.quaternion,
         at.curvature,
         at.force,
         at.moment,
-        status,
+        ended.status,
         bool(answer.stable),
         float(answer.margin),
         float(rod.energy()) * units.moment,
-        solved.solution.residual,
-        error,
-        solved.solution.iterations,
+        ended.residual,
+        ended.error,
+        ended.iterations,
         rod,
         units,
         origin,

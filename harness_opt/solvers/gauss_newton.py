@@ -11,13 +11,16 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import Status
-from .interface import Array, LeastSquares, Options, Solution, largest
+from .interface import STILL, Array, LeastSquares, Options, Solution, largest
 from .linear import factorise
 
 SUFFICIENT = 1e-4  # Armijo's constant
 SMALLEST_STEP = 1e-4  # a shorter fraction of the step makes no progress worth the work
 CONTRACTION = (
     0.1  # while |R| falls by this factor a step, the Jacobian is kept: a chord step costs a tenth of a full one
+)
+NEAR_MINIMUM = (
+    1e-5  # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
 )
 SMALL = 1e-10  # largest entry of a last step that leaves nothing to gain
 POLISH = 2  # most steps once the residual is small: where the problem is badly conditioned, that is not enough
@@ -47,9 +50,15 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
                 break
             factor = factorise(jacobian)
         step = -factor.solve(residual)  # type: ignore[union-attr]
+        if options.stationary and largest(step) <= STILL:
+            status = Status.OK
+            break
         length, trial = _search(problem, x, step, residual)
         if length == 0.0:
             if status.ok:
+                break
+            if stale and options.stationary and largest(step) <= NEAR_MINIMUM:
+                status = Status.OK
                 break
             if stale:
                 return Solution(x, Status.STALLED, best, iteration, factor)

@@ -40,10 +40,12 @@ class Options:
     Args:
         tolerance: largest entry of |R| that counts as solved.
         iterations: limit.
+        stationary: take a least-squares minimum for a solution, whatever residual is left: for overdetermined problems.
     """
 
     tolerance: float = 1e-11
     iterations: int = 60
+    stationary: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,9 @@ class Solution:
     residual: float
     iterations: int
     factor: Any = None
+
+
+STILL = 1e-9  # largest entry of a step at a least-squares minimum
 
 
 class Solver(Protocol):

@@ -47,7 +47,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     x = np.asarray(answer["x"]).ravel()[:count]
     final = largest(problem.residual(x))
     iterations = int(solver.stats()["iter_count"])
-    if final <= options.tolerance:
+    if final <= options.tolerance or (options.stationary and solver.stats()["success"]):
         status = Status.OK
     elif not np.isfinite(final):
         status = Status.NOT_FINITE

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from ..errors import Status
-from .interface import Array, LeastSquares, Options, Solution, largest
+from .interface import STILL, Array, LeastSquares, Options, Solution, largest
 
 START = 1e-3  # first damping, relative to the scaled problem
 LEAST = 1e-14  # damping of a last, polishing step; keeps a rank-deficient system regular
@@ -22,7 +22,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
     residual, jacobian = problem.linearise(x)
     if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian.data))):
-        return Solution(x, Status.NOT_FINITE, np.inf, 0)
+        return Solution(x, Status.NOT_FINITE, largest(residual), 0)
     scale = np.zeros_like(x)
     damping, growth, small = START, 2.0, False
     for iteration in range(options.iterations):
@@ -34,6 +34,8 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         weights = np.where(scale > 0, scale, 1.0)
         scaled = jacobian @ sp.diags_array(1.0 / weights)
         scaled_step = damped_step(sp.csc_array(scaled), residual, damping)
+        if options.stationary and damping <= START and largest(scaled_step / weights) <= STILL:
+            return Solution(x, Status.OK, largest(residual), iteration)
         trial = problem.residual(x + scaled_step / weights)
         cost = residual @ residual
         predicted = scaled_step @ (damping * scaled_step - scaled.T @ residual)

@@ -1,0 +1,96 @@
+"""One pose by the paper's own transcription, certified by the collocation.
+
+The paper's equations are solved on more and more points until the shape agrees with a collocation solve that starts
+from it. Their own residual cannot tell: an overdetermined system keeps one, and without enough points its
+least-squares minimum is no shape of the cable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .boundary import Case
+from .continuation import ELEMENTS, SOLVERS, refine, resample, solve_on
+from .errors import ProblemError, Status
+from .shape import Rod
+from .solvers.interface import Options
+from .transcriptions.dqm import FEWEST, MOST, Dqm
+
+POINTS = (21, 31, 45, 61, 81)  # tried in turn where the number is left open
+ITERATIONS = 200
+FAR = 0.05  # in L; a collocation solve that ends further away found another shape
+
+
+@dataclass(frozen=True)
+class QuadratureSolve:
+    """How a solve by differential quadrature ended.
+
+    Args:
+        rod: the shape, on the Chebyshev points as mesh.
+        points: N.
+        residual: largest residual of the overdetermined system.
+        iterations: of the solver.
+        error: distance to the collocation's shape, in L.
+        status: OK where the error is at most the tolerance.
+    """
+
+    rod: Rod
+    points: int
+    residual: float
+    iterations: int
+    error: float
+    status: Status
+
+
+def check_points(points: int | None) -> None:
+    """Raise ProblemError where the method cannot have that many points."""
+    if points is not None and not (isinstance(points, int) and FEWEST <= points <= MOST):
+        raise ProblemError(f"points: found {points!r}, expected a whole number from {FEWEST} to {MOST}")
+
+
+def solve_by_quadrature(
+    case: Case, start: Rod, points: int | None, *, closure: bool, solver: str, tolerance: float
+) -> QuadratureSolve:
+    """Solve ``case`` by the paper's equations from the shape ``start``.
+
+    Args:
+        case: with the signs of ``start`` on its quaternions.
+        start: where to begin.
+        points: N; None takes more until the tolerance holds.
+        closure: whether the length closure (25) is among the equations; it limits the accuracy to about 1 / N^2.
+        solver: name.
+        tolerance: of the centreline, in L.
+    """
+    for count in (points,) if points is not None else POINTS:
+        answer = _solve(case, start, count, closure, solver, tolerance)
+        if answer.status.ok:
+            break
+    return answer
+
+
+def _solve(case: Case, start: Rod, points: int, closure: bool, solver: str, tolerance: float) -> QuadratureSolve:
+    method = Dqm(case, points, closure)
+    nodes = method.rule.nodes
+    at = start.sample(nodes)
+    options = Options(iterations=ITERATIONS, stationary=True)
+    solution = SOLVERS[solver](method.least_squares(), method.pack(at.q, at.force), options)
+    q, moment, force = method.states(solution.x, nodes)
+    rod = Rod(case.section, case.load, nodes, q, method.centreline(solution.x, nodes), force, moment)
+    status, error = solution.status, np.inf
+    if status.ok:
+        error = _distance(case, rod, tolerance)
+        status = Status.OK if error <= tolerance else Status.INACCURATE
+    return QuadratureSolve(rod, points, solution.residual, solution.iterations, error, status)
+
+
+def _distance(case: Case, rod: Rod, tolerance: float) -> float:
+    """Return how far ``rod`` is from the collocation's shape next to it, in L; infinite where there is none."""
+    mesh = np.linspace(0.0, 1.0, 2 * ELEMENTS[0] + 1)
+    solved = solve_on(case, mesh, resample(rod, mesh), "gauss-newton")
+    if not solved.ok or solved.turned:
+        return np.inf
+    solved, _, status = refine(solved, 0.1 * tolerance, "gauss-newton")
+    distance = float(np.max(np.linalg.norm(solved.rod.sample(rod.mesh).r - rod.r, axis=-1)))
+    return distance if status.ok and distance < FAR else np.inf
