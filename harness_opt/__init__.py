@@ -10,6 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .body_motion import Hinge, Poses, Slide
     from .errors import HarnessError, ProblemError, SolveError, Status
     from .motion import simulate
     from .outer_loop import Redesign, redesign
@@ -23,13 +24,10 @@ if TYPE_CHECKING:
         Cylinder,
         Design,
         End,
-        Hinge,
         Limits,
         MeshFile,
         Part,
-        Poses,
         Problem,
-        Slide,
         Sphere,
         Variable,
     )
@@ -38,6 +36,7 @@ if TYPE_CHECKING:
     from .results import Motion
 
 _ROOMS = {
+    "body_motion": ("Hinge", "Poses", "Slide"),
     "errors": ("HarnessError", "ProblemError", "SolveError", "Status"),
     "motion": ("simulate",),
     "problem": (
@@ -49,13 +48,10 @@ _ROOMS = {
         "Cylinder",
         "Design",
         "End",
-        "Hinge",
         "Limits",
         "MeshFile",
         "Part",
-        "Poses",
         "Problem",
-        "Slide",
         "Sphere",
         "Variable",
     ),

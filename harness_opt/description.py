@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from . import rotations
+from .body_motion import Hinge, Slide
 from .path import left_out, place_frames
-from .problem import WORLD, Body, CableRun, End, Hinge, MeshFile, Part, Problem, Slide
+from .problem import WORLD, Body, CableRun, End, MeshFile, Part, Problem
 from .rotations import Array
 from .scene import Geometry, Mesh, Scene
 

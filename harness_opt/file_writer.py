@@ -14,27 +14,10 @@ import tomlkit
 from tomlkit.items import InlineTable, Item, Table
 
 from . import rotations
+from .body_motion import BodyMotion, Hinge, Poses, Slide
 from .errors import ProblemError
 from .poses_file import parse_poses, poses_text
-from .problem import (
-    Body,
-    BodyMotion,
-    Box,
-    Cable,
-    CableRun,
-    Capsule,
-    Cylinder,
-    End,
-    Hinge,
-    Limits,
-    MeshFile,
-    Part,
-    Poses,
-    Problem,
-    Shape,
-    Slide,
-    Sphere,
-)
+from .problem import Body, Box, Cable, CableRun, Capsule, Cylinder, End, Limits, MeshFile, Part, Problem, Shape, Sphere
 
 Rows = list[tuple[str, Any, str]]  # key, value (None leaves it out), unit for the comment
 

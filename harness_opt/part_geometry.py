@@ -11,6 +11,7 @@ than 1 us.
 
 from __future__ import annotations
 
+import abc
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,7 @@ Shape = Box | Sphere | Cylinder | Capsule
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry:
+class Geometry(abc.ABC):
     """One part in the coordinates of its body.
 
     Args:
@@ -41,12 +42,12 @@ class Geometry:
     upper: Array
     closed: bool
 
+    @abc.abstractmethod
     def signed_distance(self, points: ArrayLike) -> Distances:
         """Return distance (n,), gradient (n, 3) and nearest surface point (n, 3) of ``points`` (n, 3), m.
 
         The gradient is the unit vector along which the distance grows; on the surface the outward normal.
         """
-        raise NotImplementedError
 
     def lower_bound(self, points: ArrayLike) -> Array:
         """Return numbers (...) that :meth:`signed_distance` of ``points`` (..., 3) is never below, m; cheap.
@@ -58,6 +59,7 @@ class Geometry:
         bound = lengths(np.maximum(beyond, 0.0)) + np.minimum(beyond.max(axis=-1), 0.0)
         return bound if self.closed else np.maximum(bound, 0.0)
 
+    @abc.abstractmethod
     def chord_bound(self, start: Array, end: Array, at_start: Array, at_end: Array) -> Array:
         """Return numbers (k,) that the signed distance is never below along straight chords, m.
 
@@ -65,7 +67,6 @@ class Geometry:
             start, end: (k, 3), m.
             at_start, at_end: (k,), bounds below the signed distances there, m.
         """
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from . import rotations
+from .body_motion import Poses
 from .errors import ProblemError
 from .file_values import LARGEST, QUATERNION_TOLERANCE, shown
-from .problem import Poses
 from .rotations import Array
 
 HEADER = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")

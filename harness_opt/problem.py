@@ -7,63 +7,22 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import rotations
+from . import checks, rotations
+from .body_motion import BodyMotion
+from .checks import Quaternion, Vector
 from .errors import ProblemError
 from .rotations import Array
 
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import RotationSpline
-
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-
 WORLD = "world"
-UNIT_TOLERANCE = 1e-6  # largest | |q| - 1 | that is taken as rounding of a typed unit quaternion
-
-
-def _numbers(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
-    """Return ``value`` as ``count`` finite floats, or raise ProblemError naming ``name``."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ProblemError(f"{name}: found {value!r}, expected {count} numbers") from None
-    if array.shape != (count,) or not np.all(np.isfinite(array)):
-        raise ProblemError(f"{name}: found {value!r}, expected {count} finite numbers")
-    return tuple(array.tolist())
-
-
-def _quaternion(name: str, value: ArrayLike) -> Quaternion:
-    q = _numbers(name, value, 4)
-    if abs(math.hypot(*q) - 1.0) > UNIT_TOLERANCE:
-        raise ProblemError(f"{name}: found a quaternion of length {math.hypot(*q):.6g}, expected a unit quaternion")
-    return tuple(rotations.unit(q).tolist())
-
-
-def _positive(name: str, value: float, *, zero: bool = False) -> float:
-    wanted = "a number of at least 0" if zero else "a number above 0"
-    if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
-        raise ProblemError(f"{name}: found {value!r}, expected {wanted}")
-    if not math.isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise ProblemError(f"{name}: found {value!r}, expected {wanted}")
-    return float(value)
-
-
-def _direction(name: str, value: ArrayLike) -> Vector:
-    vector = _numbers(name, value, 3)
-    if not any(vector):
-        raise ProblemError(f"{name}: found {value!r}, expected a direction, not a zero vector")
-    return vector  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -91,16 +50,16 @@ class Cable:
 
     def __post_init__(self) -> None:
         for name in ("length", "diameter", "torsional_stiffness"):
-            object.__setattr__(self, name, _positive(name, getattr(self, name)))
-        object.__setattr__(self, "mass_per_length", _positive("mass_per_length", self.mass_per_length, zero=True))
+            object.__setattr__(self, name, checks.positive(name, getattr(self, name)))
+        object.__setattr__(self, "mass_per_length", checks.positive("mass_per_length", self.mass_per_length, zero=True))
         if np.ndim(self.bending_stiffness) == 0:
-            bending = _positive("bending_stiffness", self.bending_stiffness)  # type: ignore[arg-type]
+            bending = checks.positive("bending_stiffness", self.bending_stiffness)  # type: ignore[arg-type]
         else:
-            bending = _numbers("bending_stiffness", self.bending_stiffness, 2)  # type: ignore[assignment]
+            bending = checks.numbers("bending_stiffness", self.bending_stiffness, 2)  # type: ignore[assignment]
             for value in bending:  # type: ignore[attr-defined]
-                _positive("bending_stiffness", value)
+                checks.positive("bending_stiffness", value)
         object.__setattr__(self, "bending_stiffness", bending)
-        object.__setattr__(self, "rest_curvature", _numbers("rest_curvature", self.rest_curvature, 3))
+        object.__setattr__(self, "rest_curvature", checks.numbers("rest_curvature", self.rest_curvature, 3))
 
     @property
     def stiffness(self) -> Array:
@@ -147,9 +106,9 @@ class End:
                 raise ProblemError(f"{load}: an end takes {given} or {load}, found both")
         for name in ("position", "force", "moment"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _numbers(name, getattr(self, name), 3))
+                object.__setattr__(self, name, checks.numbers(name, getattr(self, name), 3))
         if self.quaternion is not None:
-            object.__setattr__(self, "quaternion", _quaternion("quaternion", self.quaternion))
+            object.__setattr__(self, "quaternion", checks.quaternion("quaternion", self.quaternion))
         whole = isinstance(self.turns, (int, float)) and not isinstance(self.turns, bool)
         if not whole or not math.isfinite(self.turns) or self.turns != int(self.turns):
             raise ProblemError(f"turns: found {self.turns!r}, expected a whole number")
@@ -183,107 +142,9 @@ class CableRun:
 
     def __post_init__(self) -> None:
         if self.bow is not None:
-            object.__setattr__(self, "bow", _direction("bow", self.bow))
+            object.__setattr__(self, "bow", checks.direction("bow", self.bow))
         if self.start.position is None and self.end.position is None:
             raise ProblemError("end.position: neither end has a position, so the cable would fly away")
-
-
-@dataclass(frozen=True)
-class Hinge:
-    """Turning about a fixed line; at angle 0 body coordinates are world coordinates.
-
-    Args:
-        point: a point on the line, m.
-        axis: its direction, any length.
-        start, stop: first and last angle, rad.
-    """
-
-    point: Vector
-    axis: Vector
-    start: float
-    stop: float
-
-    def __post_init__(self) -> None:
-        _numbers("point", self.point, 3)
-        _direction("axis", self.axis)
-        _numbers("start, stop", (self.start, self.stop), 2)
-
-    def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
-        """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
-        angle = self.start + np.atleast_1d(motion) * (self.stop - self.start)
-        q = rotations.from_rotation_vector(angle[:, None] * rotations.normalise(self.axis))
-        point = np.asarray(self.point)
-        return point - rotations.rotate(q, point), q
-
-
-@dataclass(frozen=True)
-class Slide:
-    """Straight motion without turning; at travel 0 body coordinates are world coordinates.
-
-    Args:
-        direction: any length.
-        start, stop: first and last travel along it, m.
-    """
-
-    direction: Vector
-    start: float
-    stop: float
-
-    def __post_init__(self) -> None:
-        _direction("direction", self.direction)
-        _numbers("start, stop", (self.start, self.stop), 2)
-
-    def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
-        """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
-        travel = self.start + np.atleast_1d(motion) * (self.stop - self.start)
-        position = travel[:, None] * rotations.normalise(self.direction)
-        return position, np.tile(rotations.IDENTITY, (len(travel), 1))
-
-
-@dataclass(frozen=True)
-class Poses:
-    """A tabulated motion, interpolated smoothly: positions by a cubic spline, rotations by one on the sphere.
-
-    Args:
-        times: (n,) increasing, s; ``motion`` 0 to 1 maps onto them linearly.
-        positions: (n, 3), m.
-        quaternions: (n, 4), unit.
-        file: where the table was read from, or None.
-    """
-
-    times: tuple[float, ...]
-    positions: tuple[Vector, ...]
-    quaternions: tuple[Quaternion, ...]
-    file: Path | None = None
-
-    def __post_init__(self) -> None:
-        times = np.asarray(self.times, dtype=float)
-        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
-            raise ProblemError("times: expected at least two increasing numbers")
-        if np.shape(self.positions) != (len(times), 3) or np.shape(self.quaternions) != (len(times), 4):
-            raise ProblemError("positions, quaternions: expected one row a time")
-        if not (np.all(np.isfinite(times)) and np.all(np.isfinite(self.positions))):
-            raise ProblemError("times, positions: expected finite numbers")
-        for q in self.quaternions:
-            _quaternion("quaternions", q)
-
-    def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
-        """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
-        at = self.times[0] + np.atleast_1d(motion) * (self.times[-1] - self.times[0])
-        position, rotation = self._splines
-        return position(at), np.roll(rotation(at).as_quat(), 1, axis=1)
-
-    @functools.cached_property
-    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
-        from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
-
-        scalar_last = np.roll(np.asarray(self.quaternions), -1, axis=1)
-        position = CubicSpline(self.times, np.asarray(self.positions))
-        return position, RotationSpline(self.times, Rotation.from_quat(scalar_last))
-
-
-BodyMotion = Hinge | Slide | Poses
 
 
 @dataclass(frozen=True)
@@ -438,10 +299,10 @@ class Problem:
     sha256: str | None = None
 
     def __post_init__(self) -> None:
-        _numbers("gravity", self.gravity, 3)
-        _positive("duration", self.duration)
+        checks.numbers("gravity", self.gravity, 3)
+        checks.positive("duration", self.duration)
         if self.spatial_step is not None:
-            _positive("spatial_step", self.spatial_step)
+            checks.positive("spatial_step", self.spatial_step)
 
     def body(self, name: str) -> Body:
         """Return the body called ``name``; "world" stands still."""

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from . import file_schema, rotations
+from .body_motion import BodyMotion, Hinge, Poses, Slide
 from .errors import ProblemError
 from .file_checks import SIDES, Tree, located, mistakes_between, table, unreadable, value
 from .file_schema import schema
@@ -28,7 +29,6 @@ from .poses_file import parse_poses
 from .problem import (
     WORLD,
     Body,
-    BodyMotion,
     Box,
     Cable,
     CableRun,
@@ -36,14 +36,11 @@ from .problem import (
     Cylinder,
     Design,
     End,
-    Hinge,
     Limits,
     MeshFile,
     Part,
-    Poses,
     Problem,
     Shape,
-    Slide,
     Sphere,
     Variable,
 )

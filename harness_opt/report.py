@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import design_variables
+from .body_motion import Poses
 from .clearance import ClearanceResult, PairClearance, measure
 from .errors import ProblemError
 from .limits import cable_limits, held
-from .problem import MeshFile, Poses, Problem
+from .problem import MeshFile, Problem
 from .problem_file import write_problem
 from .result_folder import SUMMARY, read_summary, replacing
 from .results import CableMotion, LimitResult, Motion

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from harness_opt.body_motion import Poses
 from harness_opt.errors import ProblemError
-from harness_opt.problem import Poses, Problem
+from harness_opt.problem import Problem
 from harness_opt.problem_file import read_problem
 
 CONTRACT = """\

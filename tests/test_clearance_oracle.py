@@ -8,21 +8,10 @@ import trimesh
 from scene_examples import MESHES, POSE, SHAPES, problem_with
 
 from harness_opt import rotations
+from harness_opt.body_motion import Hinge
 from harness_opt.centreline import closest_on_segments, sag
 from harness_opt.clearance import Options, measure
-from harness_opt.problem import (
-    Body,
-    Box,
-    Cable,
-    CableRun,
-    End,
-    Hinge,
-    Limits,
-    MeshFile,
-    Part,
-    Problem,
-    Sphere,
-)
+from harness_opt.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
 from harness_opt.results import CableMotion
 from harness_opt.scene import load_scene
 

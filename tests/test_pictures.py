@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from harness_opt import drawing, opengl, pictures, rotations
+from harness_opt.body_motion import Hinge
 from harness_opt.camera import TITLE_ROOM, Camera
 from harness_opt.clearance import measure
 from harness_opt.drawing import CABLES, SIZE, TOUCHES, Moment
@@ -30,7 +31,6 @@ from harness_opt.problem import (
     Cylinder,
     Design,
     End,
-    Hinge,
     Limits,
     Part,
     Problem,

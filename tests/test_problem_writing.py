@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from problem_files import CONTRACT, HEADER, ROWS, changed, poses_of, same, with_poses, written
 
+from harness_opt.body_motion import Hinge, Slide
 from harness_opt.errors import ProblemError
 from harness_opt.problem import (
     Body,
@@ -25,11 +26,9 @@ from harness_opt.problem import (
     Cylinder,
     Design,
     End,
-    Hinge,
     Limits,
     Part,
     Problem,
-    Slide,
     Sphere,
     Variable,
 )

@@ -16,22 +16,11 @@ import pytest
 
 from harness_opt import motion as motion_room
 from harness_opt import tables
+from harness_opt.body_motion import Hinge
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.motion import simulate
 from harness_opt.outer_loop import redesign
-from harness_opt.problem import (
-    Body,
-    Cable,
-    CableRun,
-    Design,
-    End,
-    Hinge,
-    Limits,
-    Part,
-    Problem,
-    Sphere,
-    Variable,
-)
+from harness_opt.problem import Body, Cable, CableRun, Design, End, Limits, Part, Problem, Sphere, Variable
 from harness_opt.problem_file import read_problem, write_problem
 from harness_opt.report import clearances, read_results, summary, timed, verdict, write_results
 from harness_opt.results import Motion
