@@ -146,14 +146,26 @@ class Case:
         return dataclasses.replace(self, boundary=dataclasses.replace(self.boundary, **signed))
 
     def blend(self, other: Case, fraction: float) -> Case:
-        """Return the case ``fraction`` of the way to ``other``; stiffness ratios change geometrically."""
+        """Return the case ``fraction`` of the way to ``other``; stiffness ratios and a growing load change
+        geometrically.
+        """
         stiffness = self.section.stiffness ** (1.0 - fraction) * other.section.stiffness**fraction
         rest = self.section.rest_curvature
         return Case(
             Section(stiffness, rest + fraction * (other.section.rest_curvature - rest)),
-            self.load + fraction * (other.load - self.load),
+            _blend_load(self.load, other.load, fraction),
             self.boundary.blend(other.boundary, fraction),
         )
+
+
+def _blend_load(a: Array, b: Array, fraction: float) -> Array:
+    """Blend two loads: their size geometrically where they point the same way, for a cable feels ratios; else
+    linearly.
+    """
+    size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    if a @ b < (1.0 - 1e-12) * size_a * size_b or size_a == 0.0 or size_b == 0.0:
+        return a + fraction * (b - a)
+    return b * (size_a / size_b) ** (1.0 - fraction)
 
 
 def case(cable: Cable, start: End, end: End, gravity: Array) -> Case:

@@ -29,6 +29,7 @@ NUDGES = (
     0.6,
 )  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
 RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
+THOROUGH = 2  # starting curves from which easier cases are followed; an impossible pose costs most of its time there
 DESCENTS = 4  # descents from one unstable shape before it is returned as unstable
 
 
@@ -132,8 +133,13 @@ def _bows(case: Case, bow: Array | None) -> list[Array | None]:
     return [first, None, aside, -aside]
 
 
-def _from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
-    """Find a shape from the starting curve bowed to ``bow``; None where nothing worked."""
+def _from_curve(case: Case, turns: int, bow: Array | None, solver: str, *, thorough: bool) -> Solved | None:
+    """Find a shape from the starting curve bowed to ``bow``; None where nothing worked.
+
+    Args:
+        case, turns, bow, solver: as in :func:`cold_start`.
+        thorough: follow easier cases to the one asked for where it cannot be solved at once.
+    """
     r, q = starting_curve(case.boundary, chain.SEGMENTS + 1, turns, bow)
     boundary = case.boundary
     if boundary.kind.end_orientation:  # the curve decides which of the two signs stands for the turns asked for
@@ -141,7 +147,7 @@ def _from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solve
         boundary = dataclasses.replace(boundary, end_quaternion=sign * boundary.end_quaternion)
     case = dataclasses.replace(case, boundary=boundary)
     found = _relaxed(case, q, r, solver)
-    if found is not None:
+    if found is not None or not thorough:
         return found
     for easier in _easier(case):
         begin = _relaxed(easier, q, r, solver)
@@ -163,8 +169,8 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
         solver: name.
     """
     unstable = None
-    for wish in _bows(case, bow):
-        found = _from_curve(case, turns, wish, solver)
+    for k, wish in enumerate(_bows(case, bow)):
+        found = _from_curve(case, turns, wish, solver, thorough=k < THOROUGH)
         if found is None:
             continue
         settled = stabilise(found, solver)
