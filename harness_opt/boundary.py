@@ -63,16 +63,6 @@ class Boundary:
             changed[field.name] = value
         return dataclasses.replace(self, **changed)
 
-    def distance(self, other: Boundary) -> float:
-        """Return how far the conditions are apart: the largest of translation (in L), turning (rad) and load."""
-        turn = 0.0
-        for name in ("start_quaternion", "end_quaternion"):
-            a, b = getattr(self, name), getattr(other, name)
-            turn = max(turn, 2.0 * float(np.linalg.norm(a - b)))
-        loads = ("start_force", "end_force", "start_moment", "end_moment")
-        load = max(float(np.linalg.norm(getattr(self, n) - getattr(other, n))) for n in loads)
-        return max(float(np.linalg.norm(self.gap - other.gap)), turn, load)
-
 
 def _slerp(a: Array, b: Array, fraction: float) -> Array:
     angle = 2.0 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b))

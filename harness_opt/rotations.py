@@ -83,17 +83,6 @@ def from_rotation_vector(v: ArrayLike) -> Array:
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], axis=-1)
 
 
-def to_rotation_vector(q: ArrayLike) -> Array:
-    """Return the rotation vector (..., 3), at most pi long, of unit quaternions (..., 4)."""
-    q = np.asarray(q, dtype=float)
-    q = np.where(q[..., :1] < 0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, q[..., :1])
-    # angle / sine tends to 2 where both vanish
-    factor = np.where(sine > 0, angle / np.where(sine > 0, sine, 1.0), 2.0)
-    return factor * q[..., 1:]
-
-
 def from_matrix(frame: ArrayLike) -> Array:
     """Return the unit quaternion (4,) of one rotation matrix (3, 3), with q1 >= 0.
 

@@ -18,6 +18,19 @@ Array = NDArray[np.float64]
 QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}  # keeps IPOPT off stdout
 
 
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """R(x, p) in symbols, one object for each kind of problem: what a solver builds on it can be kept.
+
+    Args:
+        unknowns, parameters, residual: x, p and R as CasADi expressions.
+    """
+
+    unknowns: ca.SX
+    parameters: ca.SX
+    residual: ca.SX
+
+
 @dataclass(frozen=True)
 class LeastSquares:
     """Find x such that the residual R(x) vanishes, or its sum of squares is least.
@@ -26,11 +39,13 @@ class LeastSquares:
         residual: x (n,) -> R (m,), scaled so that its entries are comparable.
         linearise: x (n,) -> (R (m,), Jacobian (m, n), sparse, CSC).
         symbolic: () -> (x, R) as CasADi expressions with the parameters filled in.
+        parametric: () -> (equations, values of their parameters), where there are others of the same kind; or None.
     """
 
     residual: Callable[[Array], Array]
     linearise: Callable[[Array], tuple[Array, sp.csc_array]]
     symbolic: Callable[[], tuple[ca.SX, ca.SX]]
+    parametric: Callable[[], tuple[Equations, Array]] | None = None
 
 
 @dataclass(frozen=True)

@@ -7,44 +7,56 @@ regularisation to Gauss-Newton's steps. Waechter and Biegler, Math. Program. 106
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..errors import Status
-from .interface import QUIET, Array, LeastSquares, Options, Solution, largest
+from .interface import QUIET, Array, Equations, LeastSquares, Options, Solution, largest
 
+PROXIMAL = 1e-9  # on the diagonal of the unknowns: a direction that the equations leave open is not moved along
 FINAL = 1e-3  # of the tolerance: where the problem is badly conditioned, a residual just below it is not enough
 
 
-def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
-    """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
-    unknowns, residual = problem.symbolic()
-    slack = ca.SX.sym("slack", residual.numel())
-    both = ca.vertcat(unknowns, slack)
-    count, parameter = unknowns.numel(), ca.SX.sym("p", 0)
-    multipliers = ca.SX.sym("lam_g", residual.numel())
-    factor = ca.SX.sym("lam_f")
-    slack_part = ca.diagcat(ca.SX(count, count), factor * ca.SX.eye(residual.numel()))
+@functools.lru_cache(maxsize=16)
+def _program(equations: Equations, iterations: int, tolerance: float) -> ca.Function:
+    """Return IPOPT on ``equations``, built once for each kind of problem."""
+    unknowns, parameters, residual = equations.unknowns, equations.parameters, equations.residual
+    slack, multipliers = ca.SX.sym("slack", residual.numel()), ca.SX.sym("lam_g", residual.numel())
+    both, factor = ca.vertcat(unknowns, slack), ca.SX.sym("lam_f")
+    slack_part = ca.diagcat(PROXIMAL * ca.SX.eye(unknowns.numel()), factor * ca.SX.eye(residual.numel()))
     hessian = ca.Function(
         "nlp_hess_l",
-        [both, parameter, factor, multipliers],
+        [both, parameters, factor, multipliers],
         [ca.triu(slack_part)],
         ["x", "p", "lam_f", "lam_g"],
         ["hess"],
     )
-    nlp = {"x": both, "f": 0.5 * ca.sumsqr(slack), "g": residual - slack}
+    nlp = {"x": both, "p": parameters, "f": 0.5 * ca.sumsqr(slack), "g": residual - slack}
     settings: dict[str, Any] = {
         **QUIET,
         "hess_lag": hessian,
-        "ipopt.max_iter": options.iterations,
-        "ipopt.tol": FINAL * options.tolerance,
+        "ipopt.max_iter": iterations,
+        "ipopt.tol": FINAL * tolerance,
     }
-    solver = ca.nlpsol("least_squares", "ipopt", nlp, settings)
+    return ca.nlpsol("least_squares", "ipopt", nlp, settings)
+
+
+def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
+    """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
+    if problem.parametric is not None:
+        equations, values = problem.parametric()
+    else:
+        unknowns, residual = problem.symbolic()
+        equations, values = Equations(unknowns, ca.SX.sym("p", 0), residual), np.zeros(0)
+    # the tolerance follows the loads; in whole decades, few programs are built
+    decade = 10.0 ** np.ceil(np.log10(options.tolerance))
+    solver = _program(equations, options.iterations, decade)
     start = np.concatenate([x, problem.residual(x)])
-    answer = solver(x0=start, lbg=0.0, ubg=0.0)
-    x = np.asarray(answer["x"]).ravel()[:count]
+    answer = solver(x0=start, p=values, lbg=0.0, ubg=0.0)
+    x = np.asarray(answer["x"]).ravel()[: len(x)]
     final = largest(problem.residual(x))
     iterations = int(solver.stats()["iter_count"])
     if final <= options.tolerance or (options.stationary and solver.stats()["success"]):

@@ -24,13 +24,13 @@ from ..boundary import Boundary, Kind
 from ..quadrature import gauss
 from ..rod import Section
 from ..rotations import Array
-from ..solvers.interface import LeastSquares
+from ..solvers.interface import Equations, LeastSquares
 
 Indices = NDArray[np.integer[Any]]
 
 NODE = 7  # unknowns of a node: quaternion and moment
 FORCE = 3  # the constant of the force
-START, CLOSURE, END = 4, 3, 3  # equations of the start, of the gap (or force), of the end
+START, CLOSURE = 4, 3  # equations of the start, of the gap (or force)
 
 
 class Buffered:
@@ -184,6 +184,36 @@ def _relative(boundary: Boundary) -> Array:
     return np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
 
 
+@functools.lru_cache(maxsize=32)
+def _equations(elements: int, stages: int, loaded: bool, kind: Kind) -> Equations:
+    """Return R(x, p); p: steps, element starts, stiffness, rest curvature, load, gap, start quaternion, the matrix of
+    :func:`_relative` by columns, and the loads on start and end: forces, then moments."""
+    t = collocation(elements, stages, loaded)
+    x = ca.SX.sym("x", t.size)
+    sizes = (elements, elements, 3, 3, 3, 3, 4, 12, 3, 3, 3, 3)
+    p = ca.SX.sym("p", sum(sizes))
+    steps, starts, stiffness, rest, load, gap, start_q, relative, *loads = ca.vertsplit(
+        p, np.cumsum([0, *sizes]).tolist()
+    )
+    start_force, end_force, start_moment, end_moment = loads
+    parts = [
+        t._element(x[t._gather[:, e].tolist()], steps[e], starts[e], stiffness, rest, load) for e in range(elements)
+    ]
+    count, node = 4 * stages + NODE, (NODE + 4 * stages) * elements
+    start = x[:4] - start_q
+    if not kind.start_orientation:
+        start = ca.vertcat(ca.sumsqr(x[:4]) - 1, x[4:7] + start_moment)
+    closure = sum(part[count:] for part in parts) - gap
+    if not kind.end_position:
+        closure = x[-3:] - load - end_force
+    elif not kind.start_position:
+        closure = x[-3:] + start_force
+    end = x[node + 4 : node + 7] - end_moment
+    if kind.end_orientation:
+        end = ca.mtimes(ca.reshape(relative, 3, 4), x[node : node + 4])
+    return Equations(x, p, ca.vertcat(start, *(part[:count] for part in parts), closure, end))
+
+
 def stations(mesh: Array, stages: int) -> Array:
     """Return the arc lengths of all quaternions in x: each node, then its element's stages; (n (stages + 1) + 1,)."""
     inner = mesh[:-1, None] + np.diff(mesh)[:, None] * np.concatenate([[0.0], gauss(stages).nodes])
@@ -260,29 +290,21 @@ class BoundCollocation:
         data = np.concatenate([entries, *boundary_entries])[order]
         return self._assemble(x, defects), sp.csc_array((data, indices, indptr), shape=(t.size, t.size))
 
+    def parametric(self) -> tuple[Equations, Array]:
+        """Return the equations of this kind in symbols, and the values of their parameters."""
+        t, b = self.transcription, self.boundary
+        loads = (b.start_force, b.end_force, b.start_moment, b.end_moment)
+        values = (*self._parameters, b.gap, b.start_quaternion, _relative(b).ravel("F"), *loads)
+        return _equations(t.elements, t.stages, t.loaded, b.kind), np.concatenate(values)
+
     def symbolic(self) -> tuple[ca.SX, ca.SX]:
         """Return (x, R(x)) as CasADi expressions, for solvers that differentiate themselves."""
-        t, b = self.transcription, self.boundary
-        x = ca.SX.sym("x", t.size)
-        steps, starts, *shared = self._parameters
-        parts = [t._element(x[t._gather[:, e].tolist()], steps[e], starts[e], *shared) for e in range(t.elements)]
-        count, node = 4 * t.stages + NODE, self._node
-        start = x[:4] - b.start_quaternion
-        if not b.kind.start_orientation:
-            start = ca.vertcat(ca.sumsqr(x[:4]) - 1, x[4:7] + b.start_moment)
-        closure = sum(part[count:] for part in parts) - b.gap
-        if not b.kind.end_position:
-            closure = x[-3:] - self.load - b.end_force
-        elif not b.kind.start_position:
-            closure = x[-3:] + b.start_force
-        end = x[node + 4 : node + 7] - b.end_moment
-        if b.kind.end_orientation:
-            end = ca.mtimes(_relative(b), x[node : node + 4])
-        return x, ca.vertcat(start, *(part[:count] for part in parts), closure, end)
+        equations, values = self.parametric()
+        return equations.unknowns, ca.substitute(equations.residual, equations.parameters, ca.DM(values))
 
     def least_squares(self) -> LeastSquares:
         """Return the problem as a solver takes it."""
-        return LeastSquares(self.residual, self.linearise, self.symbolic)
+        return LeastSquares(self.residual, self.linearise, self.symbolic, self.parametric)
 
     # -- in and out --------------------------------------------------------------------------------------------
 

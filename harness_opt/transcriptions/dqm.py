@@ -22,7 +22,7 @@ from .. import rod, rotations
 from ..boundary import Case, Kind
 from ..quadrature import DifferentialQuadrature, differential_quadrature
 from ..rotations import Array
-from ..solvers.interface import LeastSquares
+from ..solvers.interface import Equations, LeastSquares
 
 FEWEST, MOST = 5, 200  # points
 
@@ -86,6 +86,14 @@ def _equations(points: int, kind: Kind, closure: bool) -> tuple[ca.Function, ca.
         ca.Function("residual", [x, p], [residual]),
         ca.Function("linearised", [x, p], [residual, ca.jacobian(residual, x)]),
     )
+
+
+@functools.lru_cache(maxsize=32)
+def _symbols(points: int, kind: Kind, closure: bool) -> Equations:
+    """Return R(x, p) with the parameters of :func:`_equations`."""
+    function = _equations(points, kind, closure)[0]
+    x, p = function.sx_in()
+    return Equations(x, p, function(x, p))
 
 
 def _ends(kind: Kind, q: ca.SX, force: ca.SX, moment: ca.SX, position: ca.SX, given: tuple, loads: list) -> list[ca.SX]:
@@ -152,6 +160,10 @@ class Dqm:
         residual, jacobian = _equations(self.points, self.case.boundary.kind, self.closure)[1](x, self._parameters)
         return np.asarray(residual).ravel(), sp.csc_array(jacobian.sparse())
 
+    def parametric(self) -> tuple[Equations, Array]:
+        """Return the equations of this kind in symbols, and the values of their parameters."""
+        return _symbols(self.points, self.case.boundary.kind, self.closure), self._parameters
+
     def symbolic(self) -> tuple[ca.SX, ca.SX]:
         """Return (x, residual) as CasADi expressions."""
         x = ca.SX.sym("x", 7 * self.points)
@@ -159,7 +171,7 @@ class Dqm:
 
     def least_squares(self) -> LeastSquares:
         """Return the problem as a solver takes it."""
-        return LeastSquares(self.residual, self.linearise, self.symbolic)
+        return LeastSquares(self.residual, self.linearise, self.symbolic, self.parametric)
 
     def pack(self, q: Array, force: Array) -> Array:
         """Return x from quaternions (N, 4) and world forces (N, 3) at the nodes."""
