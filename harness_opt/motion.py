@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import rod as rod_module
 from .boundary import Case, case
@@ -30,7 +31,7 @@ from .continuation import (
     step,
 )
 from .errors import SolveError, Status
-from .path import left_out, place_frames
+from .path import given_frames, left_out, place_frames
 from .pose import STATIONS, check_method
 from .problem import End, Problem
 from .results import CableMotion, Motion, Snap
@@ -358,6 +359,7 @@ def simulate(
     problem: Problem,
     *,
     spatial_step: float | None = None,
+    frames: ArrayLike | None = None,
     elements: int | None = None,
     tolerance: float = TOLERANCE,
     solver: str = "gauss-newton",
@@ -370,6 +372,7 @@ def simulate(
     Args:
         problem: what to simulate.
         spatial_step: m; in place of the problem's own.
+        frames: motion values (P,) to solve at, increasing within 0 to 1; in place of a spatial step.
         elements: least number of elements of a cable; None leaves it to ``tolerance``.
         tolerance: of the centrelines, in lengths of the cable.
         solver: name, as in :func:`harness_opt.equilibrium`.
@@ -378,12 +381,13 @@ def simulate(
         throw: raise where a shape cannot be found, or return the motion solved until there.
 
     Raises:
-        ProblemError: ends that no shape can join.
+        ProblemError: ends that no shape can join; frames that do not increase from 0 to 1; a spatial step and frames
+            both.
         SolveError: a shape could not be found; ``partial`` is the motion until there.
     """
     check_method(transcription, solver, ("collocation",))
     begin = time.perf_counter()
-    motion = place_frames(problem, spatial_step)
+    motion = place_frames(problem, spatial_step) if frames is None else given_frames(frames, spatial_step)
     sweeps: dict[str, Sweep] = {}
     for name in problem.cables:
         sweeps[name] = sweep(

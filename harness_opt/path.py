@@ -6,6 +6,7 @@ The paper's dispersion, section 4.2: the trail of the moving clamp is cut into p
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import rotations
 from .errors import ProblemError
@@ -25,14 +26,16 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
     of the cable's length away by as much: a clamp that turns on the spot is followed too.
 
     Raises:
-        ProblemError: a step that is not above 0; more than MOST_FRAMES frames would be needed.
+        ProblemError: a step that is not above 0, or longer than the whole trail of the clamps; more than MOST_FRAMES
+            frames would be needed.
     """
     if spatial_step is not None and not (np.isfinite(spatial_step) and spatial_step > 0):
         raise ProblemError(f"spatial_step: found {spatial_step!r}, expected a number above 0")
     if not problem.moves:
         return np.zeros(1)
     longest = max(run.cable.length for run in problem.cables.values())
-    allowed = spatial_step or problem.spatial_step or STEP_FRACTION * longest
+    asked = spatial_step or problem.spatial_step
+    allowed = asked or STEP_FRACTION * longest
     grid = np.linspace(0.0, 1.0, PATH_SAMPLES)
     increments = np.zeros(PATH_SAMPLES - 1)
     for run in problem.cables.values():
@@ -47,6 +50,11 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
             )
             increments = np.maximum(increments, np.maximum(moved, LEVER * run.cable.length * turned / allowed))
     run_so_far = np.concatenate([[0.0], np.cumsum(increments)])
+    if asked and 0.0 < run_so_far[-1] < 1.0 - 1e-9:
+        raise ProblemError(
+            f"motion.spatial_step: found {asked:g} m, expected at most {run_so_far[-1] * asked:.6g} m, "
+            "the whole trail of the clamps"
+        )
     count = int(np.ceil(run_so_far[-1] - 1e-9)) + 1
     if count > MOST_FRAMES:
         raise ProblemError(
@@ -55,6 +63,21 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
     # clamps that rest for a while: the tiny slope keeps the inverse single-valued
     measure = run_so_far + 1e-6 * grid
     return np.interp(np.linspace(0.0, measure[-1], max(count, 2)), measure, grid)
+
+
+def given_frames(frames: ArrayLike, spatial_step: float | None) -> Array:
+    """Return ``frames`` (P,) as motion values to solve at.
+
+    Raises:
+        ProblemError: not one number or more, increasing, from 0 to 1; a spatial step beside them.
+    """
+    if spatial_step is not None:
+        raise ProblemError("spatial_step: found beside frames, expected one of the two")
+    motion = np.asarray(frames, dtype=float)
+    increasing = motion.ndim == 1 and motion.size > 0 and bool(np.all(np.diff(motion) > 0))
+    if not (increasing and motion[0] >= 0.0 and motion[-1] <= 1.0):
+        raise ProblemError(f"frames: found {frames!r}, expected increasing numbers from 0 to 1")
+    return motion
 
 
 def left_out(problem: Problem) -> tuple[str, ...]:

@@ -170,10 +170,27 @@ def test_a_motion_that_cannot_be(build):
         ho.simulate(build())
 
 
-@pytest.mark.parametrize("step", [NAN, -0.1, 0.0])
+@pytest.mark.parametrize("step", [NAN, -0.1, 0.0, 0.11])
 def test_a_spatial_step_that_cannot_be(step):
-    with pytest.raises(ho.ProblemError, match="spatial_step"):
+    with pytest.raises(ho.ProblemError, match=r"spatial_step: found .*, expected"):
         ho.simulate(moving(ho.Slide((0, 0, 1), 0, 0.1)), spatial_step=step)
+
+
+def test_a_spatial_step_as_long_as_the_trail():
+    assert len(ho.simulate(moving(ho.Slide((0, 0, 1), 0, 0.1)), spatial_step=0.1).motion) == 2
+
+
+@pytest.mark.parametrize("frames", [[], [0.0, 0.0], [0.5, 0.2], [-0.1, 1.0], [0.0, 1.1], [0.0, NAN], [[0.0, 1.0]]])
+def test_frames_that_cannot_be(frames):
+    with pytest.raises(ho.ProblemError, match=r"frames: found .*, expected"):
+        ho.simulate(moving(ho.Slide((0, 0, 1), 0, 0.1)), frames=frames)
+
+
+def test_frames_as_given():
+    motion = ho.simulate(moving(ho.Slide((0, 0, 1), 0, 0.1)), frames=[0.1, 0.5, 0.7])
+    np.testing.assert_array_equal(motion.motion, [0.1, 0.5, 0.7])
+    with pytest.raises(ho.ProblemError, match="spatial_step: found beside frames"):
+        ho.simulate(motion.problem, frames=[0.1, 0.5], spatial_step=0.01)
 
 
 # --- no shape -----------------------------------------------------------------------------------------------
