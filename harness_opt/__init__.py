@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from .body_motion import Hinge, Poses, Slide
     from .errors import HarnessError, ProblemError, SolveError, Status
     from .motion import simulate
+    from .multistart import equilibria
     from .outer_loop import Redesign, redesign
+    from .playback import display
+    from .playback_error import DisplayError, display_error
     from .pose import Shape, equilibrium
     from .problem import (
         Body,
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
         Variable,
     )
     from .problem_file import read_problem, write_problem
+    from .profile import Path, Profile, disperse, load_profiles, profiles, save_profiles
     from .report import clearances, write_results
     from .results import Motion
 
@@ -39,6 +43,7 @@ _ROOMS = {
     "body_motion": ("Hinge", "Poses", "Slide"),
     "errors": ("HarnessError", "ProblemError", "SolveError", "Status"),
     "motion": ("simulate",),
+    "multistart": ("equilibria",),
     "problem": (
         "Body",
         "Box",
@@ -57,7 +62,10 @@ _ROOMS = {
     ),
     "problem_file": ("read_problem", "write_problem"),
     "outer_loop": ("Redesign", "redesign"),
+    "playback": ("display",),
+    "playback_error": ("DisplayError", "display_error"),
     "pose": ("Shape", "equilibrium"),
+    "profile": ("Path", "Profile", "disperse", "load_profiles", "profiles", "save_profiles"),
     "report": ("clearances", "write_results"),
     "results": ("Motion",),
 }

@@ -106,7 +106,7 @@ def _seen(moments: Sequence[Moment], meshes: Mapping[str, pv.PolyData]) -> Array
     for moment in moments:
         at = moment.motion.motion[:: max(1, len(moment.motion.motion) // 8)]
         for name, part in moment.scene.parts.items():
-            position, q = moment.motion.problem.body(part.body).poses(at)
+            position, q = moment.motion.problem.poses(part.body, at)
             reached = (rotations.rotate(q[:, None], _extremes(meshes[name])) + position[:, None]).reshape(-1, 3)
             far = max(float(np.max(lower - reached)), float(np.max(reached - upper)))
             around = diagonal * (NEAR if far <= NEAR * diagonal else NEXT)

@@ -159,7 +159,7 @@ def measure(
     pairs: list[PairClearance] = []
     left_out: list[str] = []
     still = not problem.moves
-    poses = {part.body: problem.body(part.body).poses(motion) for part in scene.parts.values()}
+    poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
     for number, own in enumerate(tasks):
         seen = {body: own.curve.seen_from(*pose) for body, pose in poses.items()}
         for name, geometry in scene.parts.items():

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
 EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
-SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt")
+SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
+TRANSCRIPTIONS = ("collocation", "dqm")
 REMEDY = 'pip install "harness-opt[pictures]"'
 
 
@@ -194,10 +195,22 @@ def check(file: Path, as_json: bool) -> int:
 @commands.command()
 @_running
 @click.option("--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
+@click.option("--out-and-back", is_flag=True, help="Go through the motion and back: shows which snaps stay.")
 @click.option("--elements", type=click.IntRange(min=1), help="Least number of elements of a cable.")
 @click.option("--solver", type=click.Choice(SOLVERS), help="Way to solve; gauss-newton where left out.")
+@click.option("--transcription", type=click.Choice(TRANSCRIPTIONS), help="collocation, or dqm: the paper's.")
+@click.option("--points", type=int, metavar="N", help="Of dqm, 5 to 200; as many as it takes where left out.")
+@click.option("--closure", is_flag=True, default=None, help="Of dqm: with the length closure (25).")
 @click.option("--tolerance", type=_Positive(), help="Error allowed in a shape, in lengths of the cable.")
-def simulate(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictures: bool, **numerics: Any) -> int:
+def simulate(
+    file: Path,
+    folder: Path | None,
+    as_json: bool,
+    quiet: bool,
+    pictures: bool,
+    out_and_back: bool,
+    **numerics: Any,
+) -> int:
     """Simulate the whole motion of FILE: shapes, clearances, limits, verdict.
 
     \b
@@ -209,6 +222,8 @@ def simulate(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictur
     def solve(problem: Problem, progress: Progress) -> Motion:
         from .motion import simulate
 
+        if out_and_back:
+            problem = dataclasses.replace(problem, out_and_back=True)
         return simulate(problem, progress=progress, throw=False, **chosen)
 
     return _run("simulate", file, _Wanted(folder, as_json, quiet, pictures), solve)

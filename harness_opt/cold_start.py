@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from . import rotations
-from .boundary import Case
-from .continuation import ELEMENTS, STAGES, Solved, error_estimate, follow, solve_on
+from .boundary import Boundary, Case
+from .continuation import ELEMENTS, STAGES, STEP_ITERATIONS, Solved, error_estimate, follow, solve_on, turning
 from .rod import Section
 from .rotations import Array
 from .shape import Rod
@@ -23,6 +25,8 @@ from .starting_curve import starting_curve
 from .transcriptions import chain
 from .transcriptions.collocation import pack, stations
 
+Descent = Callable[[Section, Array, Boundary, Array, Array], chain.ChainState | None]
+
 NUDGES = (
     0.05,
     0.2,
@@ -30,7 +34,8 @@ NUDGES = (
 )  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
 RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
 THOROUGH = 2  # starting curves from which easier cases are followed; an impossible pose costs most of its time there
-DESCENTS = 4  # descents from one unstable shape before it is returned as unstable
+NEAR = 0.05  # rad, turning up to which a descent has come back to the shape that it began at
+LEAN = 1.0  # rad, largest turning of a section for which a shape counts as the old one leaning over
 
 
 def _from_chain(case: Case, state: chain.ChainState, mesh: Array) -> Array:
@@ -44,9 +49,9 @@ def _from_chain(case: Case, state: chain.ChainState, mesh: Array) -> Array:
     return pack(q, rotations.rotate(q, case.section.stiffness * strain), state.force, STAGES)
 
 
-def _relaxed(case: Case, q: Array, r: Array, solver: str) -> Solved | None:
-    """Relax a shape on the chain and solve it; None where either fails."""
-    state = chain.relax(case.section, case.load, case.boundary, q, r)
+def _relaxed(case: Case, q: Array, r: Array, solver: str, descent: Descent = chain.relax) -> Solved | None:
+    """Relax a shape on the chain by ``descent`` and solve it; None where either fails."""
+    state = descent(case.section, case.load, case.boundary, q, r)
     if state is None:
         return None
     still = dataclasses.replace(case.boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
@@ -71,42 +76,77 @@ def _relaxed(case: Case, q: Array, r: Array, solver: str) -> Solved | None:
     return solved
 
 
-def let_go(case: Case, rod: Rod, solver: str) -> Solved | None:
-    """Let the cable go from ``rod`` to where its energy is least nearby; None where it lands nowhere.
+def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved | None:
+    """Let the cable go from ``rod`` to a stable shape nearby of less energy; None where none is found.
 
     ``case`` may differ from what ``rod`` was solved for: after a fold the old shape does not exist any more. The
-    shape is nudged along its weakest direction, harder where the coarse chain still holds a minimum that the cable
-    itself has lost.
+    shape is nudged along its weakest direction. What lies close by, where the old shape only leans over, is found by
+    solving from there; what lies further down by a descent on the coarse chain.
+
+    Args:
+        case: what holds the cable now.
+        rod: its last shape.
+        solver: name.
+        gently: run down the energy's own valley first, as a real cable does; else jump where that is faster.
     """
     direction = lowest_mode(rod, case.boundary.kind)
-    for nudge in NUDGES:
-        for sign in (1.0, -1.0):
-            landed = _descend(case, rod, sign * nudge * direction, solver)
-            if landed is not None:
+    fields = [sign * nudge * direction for nudge in NUDGES for sign in (1.0, -1.0)]
+    for field in fields if gently else ():
+        near = _lean(case, rod, field, solver)
+        if near is not None:
+            return near
+    lower: Solved | None = None
+    for descent in (chain.settle, chain.relax) if gently else (chain.relax, chain.settle):
+        for field in fields:
+            landed = _descend(case, rod, field, solver, descent)
+            if landed is None:
+                continue
+            if is_stable(landed):
                 return landed
-    return None
+            lower = lower or (landed if turning(landed.rod, rod) > NEAR else None)
+    return None if lower is None else stabilise(lower, solver)
 
 
-def _descend(case: Case, rod: Rod, field: Array, solver: str) -> Solved | None:
-    """Relax ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None where that fails."""
+def is_stable(solved: Solved) -> bool:
+    """Return whether a solved shape has no unstable direction."""
+    return bool(stability(solved.rod, solved.case.boundary.kind).stable)
+
+
+def _lean(case: Case, rod: Rod, field: Array, solver: str) -> Solved | None:
+    """Solve from ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad.
+
+    None where that leads to no stable shape nearby: the way over a fork, of which one arm is stable.
+    """
+    s = stations(rod.mesh, STAGES)
+    samples = rod.sample(s)
+    turn = CubicSpline(rod.mesh, field, axis=0)
+    q = rotations.multiply(samples.q, rotations.from_rotation_vector(turn(s)))
+    strain = samples.omega + turn(s, 1) + rotations.cross(samples.omega, turn(s)) - case.section.rest_curvature
+    moment = rotations.rotate(q, case.section.stiffness * strain)
+    solved = solve_on(case, rod.mesh, pack(q, moment, rod.force[0], STAGES), solver, STEP_ITERATIONS)
+    if not solved.ok or solved.turned or error_estimate(solved)[0] > RESOLVED or turning(solved.rod, rod) > LEAN:
+        return None
+    return solved if is_stable(solved) else None
+
+
+def _descend(case: Case, rod: Rod, field: Array, solver: str, descent: Descent) -> Solved | None:
+    """Go down from ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None if in vain."""
     nodes = np.linspace(0.0, 1.0, chain.SEGMENTS + 1)
     samples = rod.sample(nodes)
     field = np.stack([np.interp(nodes, rod.mesh, field[:, i]) for i in range(3)], axis=1)
     q = rotations.multiply(samples.q, rotations.from_rotation_vector(field))
-    return _relaxed(case, q, samples.r, solver)
+    return _relaxed(case, q, samples.r, solver, descent)
 
 
 def stabilise(solved: Solved, solver: str) -> Solved:
-    """Descend from an unstable shape until a stable one is reached; returns ``solved`` itself where none is found."""
-    kind, here = solved.case.boundary.kind, solved
-    for _ in range(DESCENTS):
-        if bool(stability(here.rod, kind).stable):
-            return here
-        lower = let_go(solved.case, here.rod, solver)
-        if lower is None:
-            return solved
-        here = lower
-    return here if bool(stability(here.rod, kind).stable) else solved
+    """Return a stable shape of less energy than an unstable one, or ``solved`` itself where none is found.
+
+    None is looked for where a dead moment acts: it has no energy to descend, and often no stable shape at all.
+    """
+    boundary = solved.case.boundary
+    if is_stable(solved) or np.any(boundary.start_moment) or np.any(boundary.end_moment):
+        return solved
+    return let_go(solved.case, solved.rod, solver, gently=False) or solved
 
 
 def _easier(case: Case) -> list[Case]:
@@ -133,7 +173,7 @@ def _bows(case: Case, bow: Array | None) -> list[Array | None]:
     return [first, None, aside, -aside]
 
 
-def _from_curve(case: Case, turns: int, bow: Array | None, solver: str, *, thorough: bool) -> Solved | None:
+def from_curve(case: Case, turns: int, bow: Array | None, solver: str, *, thorough: bool) -> Solved | None:
     """Find a shape from the starting curve bowed to ``bow``; None where nothing worked.
 
     Args:
@@ -170,11 +210,11 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
     """
     unstable = None
     for k, wish in enumerate(_bows(case, bow)):
-        found = _from_curve(case, turns, wish, solver, thorough=k < THOROUGH)
+        found = from_curve(case, turns, wish, solver, thorough=k < THOROUGH)
         if found is None:
             continue
         settled = stabilise(found, solver)
-        if bool(stability(settled.rod, case.boundary.kind).stable):
+        if is_stable(settled):
             return settled
         unstable = unstable or settled
     return unstable

@@ -17,7 +17,7 @@ from .boundary import Case
 from .errors import Status
 from .rotations import Array
 from .shape import Rod
-from .solvers import gauss_newton, ipopt, levenberg_marquardt
+from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper
 from .solvers.interface import Options, Solution, Solver
 from .solvers.linear import Factor, factorise
 from .transcriptions.collocation import BoundCollocation, collocation, pack, stations
@@ -26,6 +26,7 @@ SOLVERS: dict[str, Solver] = {
     "gauss-newton": gauss_newton.solve,
     "levenberg-marquardt": levenberg_marquardt.solve,
     "ipopt": ipopt.solve,
+    "paper": paper.solve,
 }
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 ELEMENTS = (
@@ -190,10 +191,14 @@ def _predict(before: Solved | None, here: Solved, ratio: float) -> Array:
     return here.solution.x + ratio * (here.solution.x - before.solution.x)
 
 
-def _turning(solved: Solved, x: Array) -> float:
-    """Return the largest turning, rad, between the quaternions of ``x`` and those solved."""
-    a, b = solved.bound.unpack(x).q, solved.rod.q
+def _turning(a: Array, b: Array) -> float:
+    """Return the largest turning, rad, between quaternions (n, 4)."""
     return float(2.0 * np.max(np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))))
+
+
+def turning(a: Rod, b: Rod) -> float:
+    """Return the largest turning, rad, of a section between two shapes."""
+    return _turning(a.q, b.q if np.array_equal(a.mesh, b.mesh) else b.sample(a.mesh).q)
 
 
 def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: str) -> Solved | None:
@@ -207,20 +212,32 @@ def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: 
     """
     guess = _predict(before, here, ratio)
     solved = solve_on(case, here.bound.mesh, guess, solver, STEP_ITERATIONS)
-    if not solved.ok or solved.turned or _turning(solved, guess) > NEAR:
+    if not solved.ok or solved.turned or _turning(solved.bound.unpack(guess).q, solved.rod.q) > NEAR:
         return None
     return solved
 
 
 def follow(
-    path: Callable[[float], Case], start: Solved, first: float, last: float, solver: str
+    path: Callable[[float], Case],
+    start: Solved,
+    first: float,
+    last: float,
+    solver: str,
+    smallest: float | None = None,
 ) -> tuple[Solved, float]:
     """Follow ``path`` from parameter ``first``, where ``start`` was solved, towards ``last``.
+
+    Args:
+        path: parameter to case.
+        start, first, last: as above.
+        solver: name.
+        smallest: step at which it is given up, in parts of the whole; None takes SMALLEST_STEP.
 
     Returns:
         The last solve and its parameter: ``last`` where the path could be followed to its end.
     """
     here, before, at = start, None, first
+    shortest = abs(last - first) * (SMALLEST_STEP if smallest is None else smallest)
     length, previous = last - first, 1.0
     for _ in range(MOST_STEPS):
         if at == last:
@@ -229,7 +246,7 @@ def follow(
         solved = step(path(target), here, before, (target - at) / previous if before else 0.0, solver)
         if solved is None:
             length *= 0.5
-            if abs(length) < SMALLEST_STEP * abs(last - first):
+            if abs(length) < shortest:
                 break
             continue
         previous = target - at

@@ -36,6 +36,7 @@ def facts(problem: Problem, scene: Scene) -> Json:
     return {
         "frames": len(motion),
         "duration": problem.duration,
+        "out_and_back": problem.out_and_back,
         "cables": {name: _cable(problem, run, motion) for name, run in problem.cables.items()},
         "bodies": {name: _body(body) for name, body in problem.bodies.items()},
         "parts": parts,
@@ -76,7 +77,7 @@ def _path(problem: Problem, end: End, motion: Array) -> Array | None:
     """Return the world positions (P, 3) of ``end``, or None where a force holds it."""
     if end.position is None:
         return None
-    position, quaternion = problem.body(end.body).poses(motion)
+    position, quaternion = problem.poses(end.body, motion)
     return position + rotations.rotate(quaternion, end.position)
 
 

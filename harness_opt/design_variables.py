@@ -176,7 +176,7 @@ def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> C
             length[j] = 1.0
             continue
         if what.quantity == "position":
-            quaternions = problem.body(getattr(run, what.side).body).poses(motion)[1]
+            quaternions = problem.poses(getattr(run, what.side).body, motion)[1]
             place[what.side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
         else:
             # the turns that come after this one carry its axis along: seen from the final section frame

@@ -82,7 +82,7 @@ class Moment:
 
 def pose_at(motion: Motion, frame: int, body: str) -> tuple[Array, Array]:
     """Return the position (3,) and quaternion (4,) of ``body`` in a frame of ``motion``."""
-    position, quaternion = motion.problem.body(body).poses(motion.motion[frame])
+    position, quaternion = motion.problem.poses(body, motion.motion[frame])
     return position[0], quaternion[0]
 
 

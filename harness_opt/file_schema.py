@@ -27,6 +27,7 @@ from .file_values import (
     Bounds,
     Direction,
     Expected,
+    Flag,
     KeyPath,
     MeshUnit,
     Mistake,
@@ -266,6 +267,9 @@ class PathTable(Table):
     """The motion as a whole."""
 
     duration: Positive = Field(default=1.0, description="For playback, s.")
+    out_and_back: Flag = Field(
+        default=False, description="Whether the bodies go through their motions until half-way and then back."
+    )
     spatial_step: Positive | None = Field(
         default=None,
         description="Most that a clamp moves between two solved frames, m; a hundredth of the longest cable.",

@@ -50,6 +50,7 @@ def problem_text(problem: Problem, file: Path) -> tuple[str, dict[Path, bytes]]:
     step = None if problem.spatial_step is None else float(problem.spatial_step)
     path = [
         ("duration", float(problem.duration), "s, for playback"),
+        ("out_and_back", True if problem.out_and_back else None, "half the motion out, half of it back"),
         ("spatial_step", step, "m, most that a clamp moves between two solved frames"),
     ]
     document["motion"] = _fill(tomlkit.table(), path)

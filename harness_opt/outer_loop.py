@@ -20,14 +20,16 @@ import numpy as np
 from . import design_variables
 from .clearance import ClearanceResult, measure
 from .errors import ProblemError, SolveError, Status
+from .following import Progress
 from .limits import all_limits, held, limit_label
-from .motion import collect, simulate, sweep
+from .motion import collect, simulate
 from .problem import Problem
 from .results import LimitResult, Motion
 from .rotations import Array
 from .scene import load_scene
+from .sweeps import followed, sweep
 from .threads import one_thread
-from .trials import GUARD, HELD, Progress, Trial, Trials
+from .trials import GUARD, HELD, Trial, Trials
 
 ITERATIONS = 60
 TRUST = 0.25  # first trust region, in the bounds' ranges
@@ -382,14 +384,8 @@ def _verified(loop: _Loop, design: Trial) -> tuple[Trial, Motion, ClearanceResul
 def _fine_motion(problem: Problem, fine: Array, design: Trial, loop: _Loop) -> Motion:
     """Simulate ``problem`` anew, from a cold start, on the frames ``fine`` and twice the elements."""
     begin = time.perf_counter()
-    sweeps = {
-        name: sweep(
-            problem,
-            name,
-            fine,
-            solver=loop.trials.solver,
-            elements=2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1),
-        )
-        for name in problem.cables
-    }
-    return collect(problem, fine, sweeps, time.perf_counter() - begin)
+    cables = {}
+    for name in problem.cables:
+        elements = 2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1)
+        cables[name] = followed(sweep(problem, name, fine, solver=loop.trials.solver, elements=elements))
+    return collect(problem, fine, cables, time.perf_counter() - begin)

@@ -40,7 +40,7 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
     increments = np.zeros(PATH_SAMPLES - 1)
     for run in problem.cables.values():
         for end in (run.start, run.end):
-            position, quaternion = problem.body(end.body).poses(grid)
+            position, quaternion = problem.poses(end.body, grid)
             if end.position is not None:
                 position = position + rotations.rotate(quaternion, end.position)
             moved = np.linalg.norm(np.diff(position, axis=0), axis=1) / allowed

@@ -9,20 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import rod as rod_module
-from .boundary import Kind, case
+from .boundary import Case, Kind, case
 from .cold_start import cold_start
 from .continuation import SOLVERS, Solved, refine, resample, solve_on
 from .errors import ProblemError, SolveError, Status
 from .problem import Cable, End
-from .quadrature_pose import check_points, solve_by_quadrature
+from .quadrature_pose import START_SOLVER, Quadrature, solve_by_quadrature
+from .results import STATIONS
 from .rod import Section, Units
 from .rotations import Array
 from .shape import Rod
+from .solvers.interface import Solution
 from .stability import stability
 from .threads import one_thread
 
 TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
-STATIONS = 101
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Shape:
         residual: largest scaled residual of the discretised equations.
         estimated_error: of the centreline, in lengths of the cable.
         iterations: of the solver, in all.
+        rod: the solved states without dimensions, for sampling and for going on from here.
     """
 
     s: Array
@@ -54,7 +56,7 @@ class Shape:
     residual: float
     estimated_error: float
     iterations: int
-    _rod: Rod
+    rod: Rod
     _units: Units
     _origin: Array
 
@@ -72,7 +74,7 @@ class Shape:
         wanted = np.atleast_1d(np.asarray(s, dtype=float))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self._units.length * (1 + 1e-12)):
             raise ValueError(f"arc length off the cable: expected 0 to {self._units.length} m, found {s!r}")
-        answer = _sampled(self._rod, self._units, self._origin, wanted)
+        answer = _sampled(self.rod, self._units, self._origin, wanted)
         if np.ndim(s) == 0:
             answer = ShapeAt(*(getattr(answer, field.name)[0] for field in dataclasses.fields(answer)))
         return answer
@@ -116,13 +118,19 @@ def _sampled(rod: Rod, units: Units, origin: Array, s: Array) -> ShapeAt:
 TRANSCRIPTIONS = ("collocation", "dqm")
 
 
-def check_method(transcription: str, solver: str, transcriptions: tuple[str, ...] = TRANSCRIPTIONS) -> None:
+def check_method(transcription: str, solver: str) -> None:
     """Raise ProblemError where a transcription or solver of that name cannot be had."""
-    if transcription not in transcriptions:
-        expected = " or ".join(map(repr, transcriptions))
+    if transcription not in TRANSCRIPTIONS:
+        expected = " or ".join(map(repr, TRANSCRIPTIONS))
         raise ProblemError(f"transcription: found {transcription!r}, expected {expected}")
     if solver not in SOLVERS:
         raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Raise ProblemError where ``tolerance`` is not a number above 0."""
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise ProblemError(f"tolerance: found {tolerance!r}, expected a number above 0")
 
 
 @one_thread
@@ -148,10 +156,11 @@ def equilibrium(  # noqa: PLR0913
         cable: the cable.
         start, end: what holds its ends; ``end.turns`` adds whole turns of twist to the starting shape.
         gravity: m/s2, (3,).
-        transcription: "collocation", or "dqm": the paper's own differential quadrature, from the same first shape.
+        transcription: "collocation", or "dqm": the paper's own differential quadrature, from ``guess`` or the same
+            first shape, and certified by the collocation.
         points: of "dqm", 5 to 200; None takes as many as the tolerance needs.
         closure: of "dqm": whether the length closure (25) is among its equations.
-        solver: "gauss-newton", "levenberg-marquardt" or "ipopt".
+        solver: "gauss-newton", "levenberg-marquardt", "ipopt", or "paper": eq. (26) as printed, without safeguards.
         tolerance: of the centreline, in lengths of the cable; the mesh is refined until the estimate is below.
         stations: number of equally spaced stations returned; :meth:`Shape.at` gives any other.
         bow: direction to which the starting shape bows where its length leaves the choice; gravity's if None.
@@ -163,34 +172,29 @@ def equilibrium(  # noqa: PLR0913
         SolveError: no shape was found (only where ``throw``).
     """
     check_method(transcription, solver)
-    check_points(points)
-    posed = case(cable, start, end, _vector("gravity", gravity))
-    direction = None if bow is None else _vector("bow", bow)
+    posed = case(cable, start, end, vector("gravity", gravity))
+    direction = None if bow is None else vector("bow", bow)
     if direction is not None and not np.any(direction):
         raise ProblemError(f"bow: found {bow!r}, expected a direction")
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise ProblemError(f"tolerance: found {tolerance!r}, expected a number above 0")
-    solved: Solved | None = None
-    if guess is not None and guess.ok:
-        mesh = guess._rod.mesh
-        posed = posed.signed_like(guess._rod.q[0], guess._rod.q[-1])
-        solved = solve_on(posed, mesh, resample(guess._rod, mesh), solver)
-    elif guess is None:
-        solved = cold_start(posed, end.turns, direction, solver)
-    if transcription == "dqm" and solved is not None and solved.ok:
-        answer = solve_by_quadrature(
-            solved.case, solved.rod, points, closure=closure, solver=solver, tolerance=tolerance
-        )
-        ended = Ended(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
-        shape = _shape(cable, start, end, solved.case.boundary.kind, ended, stations)
+    check_tolerance(tolerance)
+    options = Quadrature(points, closure, solver, tolerance)
+    if guess is not None:
+        posed = posed.signed_like(guess.rod.q[0], guess.rod.q[-1]) if guess.ok else posed
+    if transcription == "dqm":
+        shape = _by_quadrature(cable, (start, end), posed, direction, guess, stations, options)
     else:
-        shape = _by_collocation(cable, start, end, solved, tolerance, stations, solver)
+        shape = _by_collocation(cable, (start, end), posed, direction, guess, stations, (tolerance, solver))
     if throw and not shape.ok:
         raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
     return shape
 
 
-def _vector(name: str, value: ArrayLike) -> Array:
+def vector(name: str, value: ArrayLike) -> Array:
+    """Return ``value`` as an array (3,).
+
+    Raises:
+        ProblemError: not three finite numbers.
+    """
     array = np.asarray(value, dtype=float)
     if array.shape != (3,) or not np.all(np.isfinite(array)):
         raise ProblemError(f"{name}: found {value!r}, expected 3 finite numbers")
@@ -198,17 +202,56 @@ def _vector(name: str, value: ArrayLike) -> Array:
 
 
 def _by_collocation(
-    cable: Cable, start: End, end: End, solved: Solved | None, tolerance: float, stations: int, solver: str
+    cable: Cable,
+    ends: tuple[End, End],
+    posed: Case,
+    bow: Array | None,
+    guess: Shape | None,
+    stations: int,
+    numerics: tuple[float, str],
 ) -> Shape:
-    """Refine what was solved and return its shape, or a failed one."""
+    """Solve from the guess or from nothing, refine, and return the shape, or a failed one."""
+    tolerance, solver = numerics
+    solved: Solved | None = None
+    if guess is None:
+        solved = cold_start(posed, ends[1].turns, bow, solver)
+    elif guess.ok:
+        mesh = guess.rod.mesh
+        solved = solve_on(posed, mesh, resample(guess.rod, mesh), solver)
     if solved is None or not solved.ok:
-        units, s = rod_module.scale(cable)[1], np.linspace(0.0, cable.length, stations)
-        if solved is None:
-            return _failed(s, units, Status.NO_START, np.inf, 0)
-        return _failed(s, units, solved.solution.status, solved.solution.residual, solved.solution.iterations)
+        return _failed(cable, stations, None if solved is None else solved.solution)
+    return refined_shape(cable, ends, solved, tolerance, solver, stations)
+
+
+def refined_shape(
+    cable: Cable, ends: tuple[End, End], solved: Solved, tolerance: float, solver: str, stations: int
+) -> Shape:
+    """Refine the mesh of a solved case to ``tolerance`` and return the shape between ``ends``, start and end."""
     solved, error, status = refine(solved, tolerance, solver)
     ended = Ended(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
-    return _shape(cable, start, end, solved.case.boundary.kind, ended, stations)
+    return _shape(cable, *ends, solved.case.boundary.kind, ended, stations)
+
+
+def _by_quadrature(
+    cable: Cable,
+    ends: tuple[End, End],
+    posed: Case,
+    bow: Array | None,
+    guess: Shape | None,
+    stations: int,
+    options: Quadrature,
+) -> Shape:
+    """Solve by the paper's transcription from the guess, or from a cold start's shape; return it, or a failed one."""
+    begin = guess.rod if guess is not None and guess.ok else None
+    if guess is None:
+        solved = cold_start(posed, ends[1].turns, bow, START_SOLVER)
+        if solved is not None and solved.ok:
+            posed, begin = solved.case, solved.rod
+    if begin is None:
+        return _failed(cable, stations, None)
+    answer = solve_by_quadrature(posed, begin, options)
+    ended = Ended(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
+    return _shape(cable, *ends, posed.boundary.kind, ended, stations)
 
 
 def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, stations: int) -> Shape:
@@ -240,8 +283,12 @@ def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, station
     )
 
 
-def _failed(s: Array, units: Units, status: Status, residual: float, iterations: int) -> Shape:
-    """Return a shape that carries a status and no numbers."""
+def _failed(cable: Cable, stations: int, solution: Solution | None) -> Shape:
+    """Return a shape that carries how it ended, None for no start, and no numbers."""
+    s, units = np.linspace(0.0, cable.length, stations), rod_module.scale(cable)[1]
+    status, residual, iterations = Status.NO_START, np.inf, 0
+    if solution is not None:
+        status, residual, iterations = solution.status, solution.residual, solution.iterations
     vector, quaternion = np.full((len(s), 3), np.nan), np.full((len(s), 4), np.nan)
     nothing = Rod(Section(np.ones(3), np.zeros(3)), np.zeros(3), np.zeros(0), *(np.zeros((0, k)) for k in (4, 3, 3, 3)))
     return Shape(

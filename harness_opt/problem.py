@@ -280,6 +280,8 @@ class Problem:
         gravity: m/s2.
         limits, design: as their classes say.
         duration: of the motion, s.
+        out_and_back: whether all bodies go through their motions until half-way and then back: a cable that snapped
+            on the way out may come back another way.
         spatial_step: most that a clamp moves between two solved frames, m; None takes a hundredth of the longest cable.
         title: one line for people.
         file: where the problem was read from, or None.
@@ -293,6 +295,7 @@ class Problem:
     limits: Limits = Limits()
     design: Design = Design()
     duration: float = 1.0
+    out_and_back: bool = False
     spatial_step: float | None = None
     title: str = ""
     file: Path | None = None
@@ -308,11 +311,16 @@ class Problem:
         """Return the body called ``name``; "world" stands still."""
         return Body() if name == WORLD else self.bodies[name]
 
+    def poses(self, body: str, motion: ArrayLike) -> tuple[Array, Array]:
+        """Return positions (P, 3) and quaternions (P, 4) of ``body`` at ``motion`` (P,) from 0 to 1, there and back."""
+        at = np.asarray(motion, dtype=float)
+        return self.body(body).poses(1.0 - np.abs(2.0 * at - 1.0) if self.out_and_back else at)
+
     def ends(self, cable: str, motion: ArrayLike) -> list[tuple[End, End]]:
         """Return the start and end of ``cable`` in world coordinates at each ``motion`` (P,) from 0 to 1."""
         run = self.cables[cable]
-        start_poses = zip(*self.body(run.start.body).poses(motion), strict=True)
-        end_poses = zip(*self.body(run.end.body).poses(motion), strict=True)
+        start_poses = zip(*self.poses(run.start.body, motion), strict=True)
+        end_poses = zip(*self.poses(run.end.body, motion), strict=True)
         return [(run.start.placed(*a), run.end.placed(*b)) for a, b in zip(start_poses, end_poses, strict=True)]
 
     @property

@@ -140,6 +140,7 @@ def parse_problem(content: bytes, file: Path, pending: Mapping[Path, bytes] | No
         limits=_limits(tables.limits),
         design=_design(tables.design),
         duration=tables.motion.duration,
+        out_and_back=tables.motion.out_and_back,
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
         file=folder / file.name,

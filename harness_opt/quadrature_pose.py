@@ -19,7 +19,8 @@ from .solvers.interface import Options
 from .transcriptions.dqm import FEWEST, MOST, Dqm
 
 POINTS = (21, 31, 45, 61, 81)  # tried in turn where the number is left open
-ITERATIONS = 200
+ITERATIONS = 500  # the undamped tail of (26) is long
+START_SOLVER = "gauss-newton"  # of the collocation, where the first shape and the certificate come from
 FAR = 0.05  # in L; a collocation solve that ends further away found another shape
 
 
@@ -44,53 +45,61 @@ class QuadratureSolve:
     status: Status
 
 
-def check_points(points: int | None) -> None:
-    """Raise ProblemError where the method cannot have that many points."""
-    if points is not None and not (isinstance(points, int) and FEWEST <= points <= MOST):
-        raise ProblemError(f"points: found {points!r}, expected a whole number from {FEWEST} to {MOST}")
-
-
-def solve_by_quadrature(
-    case: Case, start: Rod, points: int | None, *, closure: bool, solver: str, tolerance: float
-) -> QuadratureSolve:
-    """Solve ``case`` by the paper's equations from the shape ``start``.
+@dataclass(frozen=True)
+class Quadrature:
+    """How to solve by differential quadrature.
 
     Args:
-        case: with the signs of ``start`` on its quaternions.
-        start: where to begin.
-        points: N; None takes more until the tolerance holds.
+        points: N, 5 to 200; None takes more until the tolerance holds.
         closure: whether the length closure (25) is among the equations; it limits the accuracy to about 1 / N^2.
         solver: name.
         tolerance: of the centreline, in L.
+
+    Raises:
+        ProblemError: a number of points that the method cannot have.
     """
-    for count in (points,) if points is not None else POINTS:
-        answer = _solve(case, start, count, closure, solver, tolerance)
+
+    points: int | None
+    closure: bool
+    solver: str
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        n = self.points
+        if n is not None and not (isinstance(n, int) and FEWEST <= n <= MOST):
+            raise ProblemError(f"points: found {n!r}, expected a whole number from {FEWEST} to {MOST}")
+
+
+def solve_by_quadrature(case: Case, start: Rod, options: Quadrature) -> QuadratureSolve:
+    """Solve ``case`` by the paper's equations from the shape ``start``, whose signs its quaternions have."""
+    for count in (options.points,) if options.points is not None else POINTS:
+        answer = _solve(case, start, count, options)
         if answer.status.ok:
             break
     return answer
 
 
-def _solve(case: Case, start: Rod, points: int, closure: bool, solver: str, tolerance: float) -> QuadratureSolve:
-    method = Dqm(case, points, closure)
+def _solve(case: Case, start: Rod, points: int, options: Quadrature) -> QuadratureSolve:
+    method = Dqm(case, points, options.closure)
     nodes = method.rule.nodes
     at = start.sample(nodes)
-    options = Options(iterations=ITERATIONS, stationary=True)
-    solution = SOLVERS[solver](method.least_squares(), method.pack(at.q, at.force), options)
+    limits = Options(iterations=ITERATIONS, stationary=True)
+    solution = SOLVERS[options.solver](method.least_squares(), method.pack(at.q, at.force), limits)
     q, moment, force = method.states(solution.x, nodes)
     rod = Rod(case.section, case.load, nodes, q, method.centreline(solution.x, nodes), force, moment)
     status, error = solution.status, np.inf
     if status.ok:
-        error = _distance(case, rod, tolerance)
-        status = Status.OK if error <= tolerance else Status.INACCURATE
+        error = _distance(case, rod, options.tolerance)
+        status = Status.OK if error <= options.tolerance else Status.INACCURATE
     return QuadratureSolve(rod, points, solution.residual, solution.iterations, error, status)
 
 
 def _distance(case: Case, rod: Rod, tolerance: float) -> float:
     """Return how far ``rod`` is from the collocation's shape next to it, in L; infinite where there is none."""
     mesh = np.linspace(0.0, 1.0, 2 * ELEMENTS[0] + 1)
-    solved = solve_on(case, mesh, resample(rod, mesh), "gauss-newton")
+    solved = solve_on(case, mesh, resample(rod, mesh), START_SOLVER)
     if not solved.ok or solved.turned:
         return np.inf
-    solved, _, status = refine(solved, 0.1 * tolerance, "gauss-newton")
+    solved, _, status = refine(solved, 0.1 * tolerance, START_SOLVER)
     distance = float(np.max(np.linalg.norm(solved.rod.sample(rod.mesh).r - rod.r, axis=-1)))
     return distance if status.ok and distance < FAR else np.inf

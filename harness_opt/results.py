@@ -5,12 +5,15 @@ SI units, world coordinates unless said otherwise. P frames, N stations along th
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from .errors import Status
 from .problem import Problem
 from .rotations import Array
+
+STATIONS = 101  # equally spaced along the cable
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,27 @@ class CableMotion:
     stability_margin: Array
     residual: Array
     estimated_error: Array
+
+    def first(self, frames: int) -> CableMotion:
+        """Return the first ``frames`` frames alone."""
+        cut = {f.name: getattr(self, f.name)[:frames] for f in dataclasses.fields(self) if f.name != "s"}
+        return dataclasses.replace(self, **cut)
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One cable over the motion, as far as it could be followed.
+
+    Args:
+        shapes: of the frames solved; None where there are none.
+        snaps: (frame, motion) of each jump.
+        status, message: why it ended early; OK and empty otherwise.
+    """
+
+    shapes: CableMotion | None
+    snaps: tuple[tuple[int, float], ...] = ()
+    status: Status = Status.OK
+    message: str = ""
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ import numpy as np
 
 from .boundary import Boundary
 from .design_variables import ClampRates
-from .motion import Sweep
 from .rod import Section
 from .rotations import Array
 from .shape import Rod
+from .sweeps import Sweep
 
 # The rates of the states at the nodes are exact; what is sampled between the nodes follows from them by a central
 # difference of the sampling alone, with a step that turns no section by more than this, rad.

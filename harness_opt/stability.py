@@ -10,6 +10,12 @@ all in the section frame, K = diag(kx, ky, kz); phi vanishes where the orientati
 exp(phi) to second order; compare Kumar and Healey, "A generalized computational approach to stability of static
 equilibria of nonlinearly elastic rods in the presence of constraints", CMAME 199, 2010.)
 
+A moment at an end that may turn is taken as dead (fixed in the world). It does no conservative work in space: to the
+symmetric operator of Q comes a skew part of half the moment at that end, phi -> -m x phi / 2 (the spin of
+R exp(phi) is phi' - phi x phi' / 2 + ...). Stable is then the cable that creeps back through a viscous medium: all
+eigenvalues have real parts above zero (Ziegler, "Principles of Structural Stability", chapter 5; a shaft under dead
+torque has complex ones).
+
 phi is discretised by cubic elements, so the lowest eigenvalue of Q against int phi . phi is an upper bound that
 converges with the sixth power of the element.
 """
@@ -33,6 +39,7 @@ POINTS = 5  # Gauss points an element: exact for the products of polynomials, an
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
 RANK = 1e-9  # singular values below this fraction of the largest count as zero
+ROUNDING = 1e-9  # relative asymmetry of an operator that is symmetric
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
@@ -41,7 +48,7 @@ class Stability:
     """The second variation of one or many shapes (leading axes ...).
 
     Args:
-        margin: lowest eigenvalue, dimensionless (B/L per rad^2); below zero is unstable, zero is neutral.
+        margin: lowest eigenvalue (real part), dimensionless (B/L per rad^2); below zero is unstable, zero is neutral.
         index: number of unstable directions.
     """
 
@@ -132,6 +139,11 @@ def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
     """Return what :func:`_assemble` does without the fields that the clamps forbid, and the load scale (...)."""
     matrix, constraint, mass = _assemble(rod)
     size = mass.shape[0]
+    for node, held, sign in ((0, kind.start_orientation, 0.5), (-1, kind.end_orientation, -0.5)):
+        if not held:
+            span = slice(0, 3) if node == 0 else slice(size - 3, size)
+            moment = rotations.rotate(rotations.conjugate(rod.q[..., node, :]), rod.moment[..., node, :])
+            matrix[..., span, span] += sign * _cross_matrix(moment)
     kept = slice(3 if kind.start_orientation else 0, size - (3 if kind.end_orientation else 0))
     scale = 1.0 + np.max(np.linalg.norm(rod.force, axis=-1), axis=-1)
     return matrix[..., kept, kept], constraint[..., kept], mass[kept, kept], scale
@@ -157,12 +169,9 @@ def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
 
 
 def stability(rod: Rod, kind: Kind) -> Stability:
-    """Return the stability of ``rod`` between ends of ``kind``.
-
-    Moments given at an end are taken as dead; their own (in space not conservative) contribution to Q is left out.
-    """
+    """Return the stability of ``rod`` between ends of ``kind``."""
     matrix, _, scale = _reduced(rod, kind)
-    values = np.linalg.eigvalsh(matrix)
+    values = np.linalg.eigvalsh(matrix) if _conservative(matrix) else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
     return Stability(np.asarray(values[..., 0], dtype=float), np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
 
 
@@ -170,10 +179,11 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
     """Return whether all shapes of ``rod`` are stable; False may also mean that it takes eigenvalues to tell.
 
     Q plus a stiff spring against moving the end is positive definite only if Q is so on the fields that leave the end
-    where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time.
+    where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
+    symmetric part, and what it says of that is true of the real parts of all eigenvalues.
     """
     matrix, constraint, mass, scale = _allowed(rod, kind)
-    matrix = matrix + (NEUTRAL * scale)[..., None, None] * mass
+    matrix = 0.5 * (matrix + np.swapaxes(matrix, -1, -2)) + (NEUTRAL * scale)[..., None, None] * mass
     if kind.start_position and kind.end_position:
         matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(constraint, -1, -2) @ constraint
     try:
@@ -183,13 +193,23 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
     return True
 
 
+def _conservative(matrix: Array) -> bool:
+    """Return whether the operators (..., D, D) are symmetric but for rounding."""
+    skew = matrix - np.swapaxes(matrix, -1, -2)
+    return float(np.max(np.abs(skew), initial=0.0)) <= ROUNDING * float(np.max(np.abs(matrix), initial=0.0))
+
+
 def lowest_mode(rod: Rod, kind: Kind) -> Array:
     """Return the field phi (n + 1, 3) of the lowest eigenvalue of one shape, at the nodes of its mesh.
 
     It is in the section frame, and its longest vector has length 1.
     """
     matrix, basis, _ = _reduced(rod, kind)
-    vector = np.linalg.eigh(matrix)[1][:, 0]
+    if _conservative(matrix):
+        vector = np.linalg.eigh(matrix)[1][:, 0]
+    else:
+        values, vectors = np.linalg.eig(matrix)
+        vector = vectors[:, np.argmin(values.real)].real
     field = np.zeros(3 * (DEGREE * (len(rod.mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
     field[first : first + len(basis)] = basis @ vector

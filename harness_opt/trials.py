@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,20 +13,20 @@ from . import design_variables
 from .clearance import ClearanceResult, measure
 from .continuation import Solved
 from .errors import ProblemError, Status
+from .following import Progress
 from .linearised import Rows, linearised
-from .motion import Sweep, collect, sweep
+from .motion import collect
 from .path import place_frames
 from .problem import Problem
 from .results import Motion
 from .rotations import Array
 from .scene import Scene
 from .sensitivity import ShapeRates, shape_rates
+from .sweeps import Sweep, followed, sweep
 
 GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it
 HELD = 0.5 * GUARD  # a violation of what is asked for that leaves the limit itself held
 SNAP_COST = 1.0  # of a snap, in scales of a limit: snaps are not for designing with
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ class Trials:
                 close = near.predicted(name, values) if near else {}
                 guesses = [close.get(index) for index in indices]
                 sweeps[name] = sweep(
-                    changed, name, motion_values, solver=self.solver, guesses=guesses, margins=False, look=look,
-                    progress=self.progress,
+                    changed, name, motion_values, solver=self.solver, guesses=guesses,
+                    rigour="look" if look else "stable", progress=self.progress,
                 )  # fmt: skip
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
@@ -118,7 +118,7 @@ class Trials:
             raise KeyboardInterrupt
         if not all(swept.status.ok for swept in sweeps.values()):
             return None
-        motion = collect(changed, motion_values, sweeps, 0.0)
+        motion = collect(changed, motion_values, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
         clearances = measure(changed, self.scene, motion_values, motion.cables)
         rates = {}
         if not look:

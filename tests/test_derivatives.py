@@ -12,10 +12,10 @@ import pytest
 import harness_opt as ho
 from harness_opt import design_variables, rotations
 from harness_opt.boundary import Boundary, Kind
-from harness_opt.motion import cable_motion, sweep
 from harness_opt.problem import Design
 from harness_opt.rod import Section
 from harness_opt.sensitivity import shape_rates
+from harness_opt.sweeps import cable_motion, sweep
 from harness_opt.transcriptions.collocation import BoundCollocation, collocation
 
 KINDS = [Kind(*given) for given in itertools.product([True, False], repeat=4) if given[0] or given[2]]

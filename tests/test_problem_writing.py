@@ -171,6 +171,7 @@ def problems(draw: st.DrawFn) -> Problem:
         ),
         design=Design(draw(st.sampled_from(["change", "length"])), variables),
         duration=draw(positive),
+        out_and_back=draw(st.booleans()),
         spatial_step=draw(optional(positive)),
         title=draw(st.text(max_size=12)),
     )

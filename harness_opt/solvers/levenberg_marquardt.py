@@ -12,6 +12,7 @@ import scipy.sparse.linalg as spla
 
 from ..errors import Status
 from .interface import STILL, Array, LeastSquares, Options, Solution, largest
+from .linear import damped_step
 
 START = 1e-3  # first damping, relative to the scaled problem
 LEAST = 1e-14  # damping of a last, polishing step; keeps a rank-deficient system regular
@@ -56,16 +57,3 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
                 return Solution(x, Status.STALLED, largest(residual), iteration + 1)
     status = Status.OK if largest(residual) <= options.tolerance else Status.ITERATION_LIMIT
     return Solution(x, status, largest(residual), options.iterations)
-
-
-def damped_step(jacobian: sp.csc_array, residual: Array, damping: float) -> Array:
-    """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2.
-
-    By the augmented system [I J; J^T -damping I] [s; p] = [-r; 0], sparse and without the squared condition number
-    of the normal equations (Bjoerck, "Numerical Methods for Least Squares Problems", section 2.6).
-    """
-    rows, columns = jacobian.shape
-    system = sp.block_array(
-        [[sp.eye_array(rows), jacobian], [jacobian.T, -damping * sp.eye_array(columns)]], format="csc"
-    )
-    return spla.splu(system).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]

@@ -109,3 +109,16 @@ def _condition(matrix: sp.csc_array, lu: Any, first: str, second: str) -> tuple[
         if not np.isfinite(growth):
             return np.inf, v
     return float(np.sqrt(growth) * spla.norm(matrix)), v / growth
+
+
+def damped_step(jacobian: sp.csc_array, residual: Array, damping: float) -> Array:
+    """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2.
+
+    By the augmented system [I J; J^T -damping I] [s; p] = [-r; 0], sparse and without the squared condition number
+    of the normal equations (Bjoerck, "Numerical Methods for Least Squares Problems", section 2.6).
+    """
+    rows, columns = jacobian.shape
+    system = sp.block_array(
+        [[sp.eye_array(rows), jacobian], [jacobian.T, -damping * sp.eye_array(columns)]], format="csc"
+    )
+    return spla.splu(system).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]

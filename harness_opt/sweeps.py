@@ -1,0 +1,180 @@
+"""One cable followed from frame to frame.
+
+Each shape starts from the last ones; a cable that loses its shape is let go and lands where its energy is least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from . import rod as rod_module
+from .continuation import ELEMENTS, Solved, error_from_defects, refined_mesh, resample, solve_on
+from .errors import Status
+from .following import Follower, Progress, batch
+from .problem import End, Problem
+from .results import STATIONS, CableMotion, Followed
+from .rod import Units
+from .rotations import Array
+from .shape import Rod
+from .stability import Stability, stability
+
+Rigour = Literal["full", "stable", "look"]
+
+TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One cable followed over the frames, with the solver's own objects; not for keeping.
+
+    Args:
+        frames: a solve each, all on one mesh; fewer than asked where ``status`` says so.
+        origins: world position of the cable's start, (P, 3), m.
+        units: of the cable.
+        stability: of the frames, batched.
+        errors: estimated, (P,), in lengths of the cable.
+        snaps: (frame, motion) of each jump.
+        status, message: why the sweep ended early; OK and empty otherwise.
+    """
+
+    frames: Sequence[Solved]
+    origins: Array
+    units: Units
+    stability: Stability
+    errors: Array
+    snaps: tuple[tuple[int, float], ...]
+    status: Status
+    message: str
+
+    @property
+    def rod(self) -> Rod:
+        """All frames as one batch."""
+        return batch(self.frames)
+
+
+def start_positions(ends: Sequence[tuple[End, End]], last: Array, units: Units) -> Array:
+    """Return the world positions (P, 3) of a cable's start, m: given, or the end's less where the shape leads.
+
+    Args:
+        ends: in world coordinates, of P frames or more.
+        last: the shapes' own end, relative to their start, (P, 3), in lengths of the cable.
+        units: of the cable.
+    """
+    return np.array(
+        [
+            start.position if start.position is not None else np.asarray(end.position) - units.length * r
+            for (start, end), r in zip(ends, last, strict=False)
+        ]
+    )
+
+
+def sweep(
+    problem: Problem,
+    name: str,
+    motion: Array,
+    *,
+    tolerance: float = TOLERANCE,
+    solver: str = "gauss-newton",
+    elements: int | None = None,
+    first: Rod | None = None,
+    guesses: Sequence[Solved | None] | None = None,
+    rigour: Rigour = "full",
+    progress: Progress | None = None,
+) -> Sweep:
+    """Follow the cable ``name`` over ``motion`` (P,).
+
+    Args:
+        problem: the problem.
+        name: of the cable.
+        motion: values of the frames.
+        tolerance: of the centreline, in lengths of the cable; the mesh is refined and the frames solved again until
+            it holds.
+        solver: name.
+        elements: least number of elements; None leaves it to the tolerance.
+        first: the shape of the first frame, of a like cable; None leaves it to a cold start.
+        guesses: solves of a like motion to start from, one a frame or None.
+        rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
+            the same; "look" leaves out stability and accuracy both, for a first look at a design.
+        progress: called with the cable's name, frames done, frames in all.
+    """
+    look = rigour == "look"
+    follower = Follower(problem, name, motion, solver, elements or 0, progress)
+    try:
+        status, message = follower.run_all(first, guesses, check=not look)
+    except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
+        status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
+    frames = follower.frames
+    units = rod_module.scale(follower.run.cable)[1]
+    if not frames:
+        empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
+        return Sweep((), np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
+    errors = np.full(len(frames), np.nan)
+    if not look:
+        frames, errors = _accurate(frames, tolerance, solver)
+    if not look and status.ok and not np.max(errors) <= tolerance:
+        worst = int(np.argmax(errors))
+        status = Status.INACCURATE
+        message = (
+            f"cable {name}, frame {worst} of {len(motion)}: {status.value} (estimated error {errors[worst]:.1e} of its "
+            f"length, asked for {tolerance:.1e}); try a looser tolerance"
+        )
+    rods = batch(frames)
+    if rigour == "full":
+        answer = stability(rods, frames[0].case.boundary.kind)
+    else:
+        answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
+    origins = start_positions(follower.ends, rods.r[:, -1], units)
+    return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
+
+
+def _accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[Solved], Array]:
+    """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
+    possible.
+    """
+    while True:
+        with np.errstate(over="ignore", invalid="ignore"):
+            defects = batch(frames).defects()
+        estimates = [error_from_defects(frame, *(d[k] for d in defects)) for k, frame in enumerate(frames)]
+        errors = np.array([error for error, _ in estimates])
+        mesh = frames[0].bound.mesh
+        n = len(mesh) - 1
+        finer = [m for m in ELEMENTS if m > n]
+        if np.max(errors) <= tolerance or not finer:
+            return frames, errors
+        local = np.max([local for _, local in estimates], axis=0)
+        mesh = refined_mesh(mesh, local, finer[0])
+        again = [
+            solve_on(frame.case, mesh, x, solver)
+            for frame, x in zip(frames, resample(batch(frames), mesh), strict=True)
+        ]
+        if not all(frame.ok and not frame.turned for frame in again):
+            return frames, errors
+        frames = again
+
+
+def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
+    """Return the plain arrays of a sweep at equally spaced stations."""
+    units = swept.units
+    s = np.linspace(0.0, 1.0, stations)
+    samples = swept.rod.sample(s)
+    return CableMotion(
+        s * units.length,
+        swept.origins[:, None, :] + units.length * samples.r,
+        samples.q,
+        samples.omega / units.length,
+        units.force * samples.force,
+        units.moment * samples.moment,
+        swept.stability.index == 0,
+        swept.stability.margin,
+        np.array([frame.solution.residual for frame in swept.frames]),
+        swept.errors,
+    )
+
+
+def followed(swept: Sweep) -> Followed:
+    """Return the plain results of a sweep."""
+    return Followed(cable_motion(swept) if swept.frames else None, swept.snaps, swept.status, swept.message)
