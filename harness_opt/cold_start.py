@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -34,8 +34,11 @@ NUDGES = (
 )  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
 RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
 THOROUGH = 2  # starting curves from which easier cases are followed; an impossible pose costs most of its time there
+FINE = 96  # segments of the chain that a lost cable sinks with in the end
+FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of a fine chain
+DESCENTS = 4  # one after the other, from saddle to saddle
 NEAR = 0.05  # rad, turning up to which a descent has come back to the shape that it began at
-LEAN = 1.0  # rad, largest turning of a section for which a shape counts as the old one leaning over
+LEAN = 1.6  # rad, largest turning of a section for which a shape counts as the old one leaning over
 
 
 def _from_chain(case: Case, state: chain.ChainState, mesh: Array) -> Array:
@@ -50,10 +53,15 @@ def _from_chain(case: Case, state: chain.ChainState, mesh: Array) -> Array:
 
 
 def _relaxed(case: Case, q: Array, r: Array, solver: str, descent: Descent = chain.relax) -> Solved | None:
-    """Relax a shape on the chain by ``descent`` and solve it; None where either fails."""
+    """Relax a shape on the chain by ``descent`` and solve it; None where either fails.
+
+    A fine chain is as good as right, so what is solved from it has to be near it.
+    """
     state = descent(case.section, case.load, case.boundary, q, r)
     if state is None:
         return None
+    nodes = np.linspace(0.0, 1.0, len(state.q))
+    faithful = FAITHFUL if len(state.q) > FINE else np.inf
     still = dataclasses.replace(case.boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
     without_moments = dataclasses.replace(case, boundary=still)
     first = ELEMENTS[0]
@@ -65,7 +73,9 @@ def _relaxed(case: Case, q: Array, r: Array, solver: str, descent: Descent = cha
     ):
         mesh = np.linspace(0.0, 1.0, elements + 1)
         solved = solve_on(without_moments, mesh, _from_chain(without_moments, state, mesh), method)
-        if solved.ok and not solved.turned and error_estimate(solved)[0] < RESOLVED:
+        if not solved.ok or solved.turned or error_estimate(solved)[0] >= RESOLVED:
+            continue
+        if turning(solved.rod.sample(nodes).q, state.q) < faithful:
             break
     else:
         return None
@@ -74,6 +84,13 @@ def _relaxed(case: Case, q: Array, r: Array, solver: str, descent: Descent = cha
         if reached < 1.0:
             return None
     return solved
+
+
+def _sink_fine(section: Section, load: Array, boundary: Boundary, q: Array, r: Array) -> chain.ChainState | None:
+    """Let a fine chain sink, as :func:`chain.settle`: its valleys are those of the cable to a per mille."""
+    nodes, fine = np.linspace(0.0, 1.0, len(q)), np.linspace(0.0, 1.0, FINE + 1)
+    q, r = (np.stack([np.interp(fine, nodes, column) for column in field.T], axis=1) for field in (q, r))
+    return chain.settle(section, load, boundary, rotations.normalise(q), r)
 
 
 def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved | None:
@@ -89,44 +106,54 @@ def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved 
         solver: name.
         gently: run down the energy's own valley first, as a real cable does; else jump where that is faster.
     """
-    direction = lowest_mode(rod, case.boundary.kind)
-    fields = [sign * nudge * direction for nudge in NUDGES for sign in (1.0, -1.0)]
-    for field in fields if gently else ():
-        near = _lean(case, rod, field, solver)
-        if near is not None:
-            return near
-    lower: Solved | None = None
-    for descent in (chain.settle, chain.relax) if gently else (chain.relax, chain.settle):
-        for field in fields:
-            landed = _descend(case, rod, field, solver, descent)
+    gentle = ((chain.settle, NUDGES[1:]), (_sink_fine, NUDGES[1:2]), (chain.relax, NUDGES))
+    for descent, nudges in gentle if gently else ((chain.relax, NUDGES), (chain.settle, NUDGES)):
+        here = rod
+        for _ in range(DESCENTS):
+            direction = lowest_mode(here, case.boundary.kind)
+            near = _lean(case, here, direction, solver) if gently or here is not rod else None
+            if near is not None:
+                return near
+            landed = _down(case, here, direction, solver, descent, nudges)
             if landed is None:
-                continue
+                break
             if is_stable(landed):
                 return landed
-            lower = lower or (landed if turning(landed.rod, rod) > NEAR else None)
-    return None if lower is None else stabilise(lower, solver)
+            here = landed.rod  # a saddle on the way down, or a place where only the coarse chain rests
+    return None
 
 
-def is_stable(solved: Solved) -> bool:
-    """Return whether a solved shape has no unstable direction."""
-    return bool(stability(solved.rod, solved.case.boundary.kind).stable)
+def _down(
+    case: Case, rod: Rod, direction: Array, solver: str, descent: Descent, nudges: Sequence[float]
+) -> Solved | None:
+    """Return where the first descent from ``rod`` ends that does not come back to it; None where all do."""
+    for nudge in nudges:
+        for sign in (1.0, -1.0):
+            landed = _descend(case, rod, sign * nudge * direction, solver, descent)
+            if landed is not None and turning(landed.rod.sample(rod.mesh).q, rod.q) > NEAR:
+                return landed
+    return None
 
 
-def _lean(case: Case, rod: Rod, field: Array, solver: str) -> Solved | None:
-    """Solve from ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad.
+def _lean(case: Case, rod: Rod, direction: Array, solver: str) -> Solved | None:
+    """Solve from ``rod`` nudged along ``direction`` (n + 1, 3), in its section frames at the nodes.
 
     None where that leads to no stable shape nearby: the way over a fork, of which one arm is stable.
     """
     s = stations(rod.mesh, STAGES)
-    samples = rod.sample(s)
-    turn = CubicSpline(rod.mesh, field, axis=0)
-    q = rotations.multiply(samples.q, rotations.from_rotation_vector(turn(s)))
-    strain = samples.omega + turn(s, 1) + rotations.cross(samples.omega, turn(s)) - case.section.rest_curvature
-    moment = rotations.rotate(q, case.section.stiffness * strain)
-    solved = solve_on(case, rod.mesh, pack(q, moment, rod.force[0], STAGES), solver, STEP_ITERATIONS)
-    if not solved.ok or solved.turned or error_estimate(solved)[0] > RESOLVED or turning(solved.rod, rod) > LEAN:
-        return None
-    return solved if is_stable(solved) else None
+    samples, field = rod.sample(s), CubicSpline(rod.mesh, direction, axis=0)
+    for nudge in NUDGES:
+        for sign in (1.0, -1.0):
+            turn, rate = sign * nudge * field(s), sign * nudge * field(s, 1)
+            q = rotations.multiply(samples.q, rotations.from_rotation_vector(turn))
+            strain = samples.omega + rate + rotations.cross(samples.omega, turn) - case.section.rest_curvature
+            moment = rotations.rotate(q, case.section.stiffness * strain)
+            solved = solve_on(case, rod.mesh, pack(q, moment, rod.force[0], STAGES), solver, STEP_ITERATIONS)
+            if not solved.ok or solved.turned or error_estimate(solved)[0] > RESOLVED:
+                continue
+            if turning(solved.rod.q, rod.q) <= LEAN and is_stable(solved):
+                return solved
+    return None
 
 
 def _descend(case: Case, rod: Rod, field: Array, solver: str, descent: Descent) -> Solved | None:

@@ -191,14 +191,9 @@ def _predict(before: Solved | None, here: Solved, ratio: float) -> Array:
     return here.solution.x + ratio * (here.solution.x - before.solution.x)
 
 
-def _turning(a: Array, b: Array) -> float:
-    """Return the largest turning, rad, between quaternions (n, 4)."""
+def turning(a: Array, b: Array) -> float:
+    """Return the largest turning, rad, between quaternions (n, 4) of two shapes at the same places."""
     return float(2.0 * np.max(np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))))
-
-
-def turning(a: Rod, b: Rod) -> float:
-    """Return the largest turning, rad, of a section between two shapes."""
-    return _turning(a.q, b.q if np.array_equal(a.mesh, b.mesh) else b.sample(a.mesh).q)
 
 
 def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: str) -> Solved | None:
@@ -212,7 +207,7 @@ def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: 
     """
     guess = _predict(before, here, ratio)
     solved = solve_on(case, here.bound.mesh, guess, solver, STEP_ITERATIONS)
-    if not solved.ok or solved.turned or _turning(solved.bound.unpack(guess).q, solved.rod.q) > NEAR:
+    if not solved.ok or solved.turned or turning(solved.bound.unpack(guess).q, solved.rod.q) > NEAR:
         return None
     return solved
 

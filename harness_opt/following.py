@@ -16,9 +16,11 @@ from .cold_start import cold_start, is_stable, let_go
 from .continuation import (
     COARSE,
     ELEMENTS,
+    NEAR,
     Solved,
     error_estimate,
     follow,
+    refine,
     refined_mesh,
     resample,
     solve_on,
@@ -37,6 +39,7 @@ EDGE = 2.0**-13  # of the motion: how closely the place is found where a shape i
 JUMP = 0.2  # rad, largest turning of a section at the place of a loss above which the cable is said to have snapped
 COARSEST = 0.2  # smallest step in the search for that place: it halves the way itself
 MOST_LOSSES = 8  # between two frames
+LANDED = 1e-5  # estimated error, in L, of a shape that a cable is taken to land in
 LATER = 4  # times over further on that a landing is tried where there is none at the place of the loss itself
 
 Progress = Callable[[str, int, int], None]
@@ -111,7 +114,7 @@ class Follower:
                     lost, "the shape became unstable and no stable one was found"
                 )
             self._append(landed)
-            checked = lost
+            checked = lost + 1
 
     def _case(self, ends: tuple[End, End], near: Case | None) -> Case:
         """Return the case of ``ends``, its quaternions signed like those of ``near``."""
@@ -182,7 +185,9 @@ class Follower:
             landed, where = self._land(here, beyond, target)
             if landed is None:
                 return None
-            if turning(landed.rod, here.rod) > JUMP and not (k == 1 and self._swing_start(landed, where)):
+            if turning(landed.rod.sample(here.rod.mesh).q, here.rod.q) > JUMP and not (
+                k == 1 and self._swing_start(landed, where)
+            ):
                 self.snaps.append((k, beyond))
             solved, reached = follow(self._path(landed.case), landed, where, target, self.solver)
             if reached == target and is_stable(solved):
@@ -193,22 +198,29 @@ class Follower:
     def _edge(self, here: Solved, at: float, target: float) -> tuple[Solved, float, float]:
         """Return the last stable shape on the way from ``here`` to ``target``, its motion value, and one beyond."""
         beyond = target
-        while abs(beyond - at) > EDGE:
-            middle = 0.5 * (at + beyond)
-            solved, reached = follow(self._path(here.case), here, at, middle, self.solver, COARSEST)
-            if reached == middle and is_stable(solved):
-                here, at = solved, middle
-            else:
-                beyond = middle
-        return here, at, beyond
+        while True:
+            while abs(beyond - at) > EDGE:
+                middle = 0.5 * (at + beyond)
+                solved, reached = follow(self._path(here.case), here, at, middle, self.solver, COARSEST)
+                if reached == middle and is_stable(solved):
+                    here, at = solved, middle
+                else:
+                    beyond = middle
+            # those steps may only have been too long: with short ones the shape is lost here, or goes on
+            solved, reached = follow(self._path(here.case), here, at, beyond, self.solver)
+            if beyond == target or reached != beyond or not is_stable(solved):
+                return here, at, beyond
+            here, at, beyond = solved, beyond, target
 
     def _land(self, here: Solved, beyond: float, target: float) -> tuple[Solved | None, float]:
         """Let the cable go at ``beyond``, or further on where it lands nowhere; return where it landed, and when."""
         for wait in np.linspace(0.0, 1.0, LATER + 1) ** 2:
             where = beyond + float(wait) * (target - beyond)
             landed = let_go(self._path(here.case)(where), here.rod, self.solver)
-            if landed is not None and is_stable(landed):
-                return landed, where
+            if landed is not None:
+                landed, _, status = refine(landed, LANDED, self.solver)  # a coarse mesh has shapes that no cable has
+                if status.ok and is_stable(landed):
+                    return landed, where
             if beyond == target:
                 break
         return None, beyond
@@ -219,7 +231,8 @@ class Follower:
         if self.frames and not np.array_equal(mesh, self.frames[-1].bound.mesh):
             old = self.frames[-1].bound.mesh
             again = solve_on(solved.case, old, resample(solved.rod, old), self.solver)
-            if again.ok and not again.turned and error_estimate(again)[0] < COARSE:
+            same = again.ok and not again.turned and turning(again.rod.q, solved.rod.sample(old).q) < NEAR
+            if same and error_estimate(again)[0] < COARSE:
                 solved = again
             else:
                 self.frames = [solve_on(f.case, mesh, resample(f.rod, mesh), self.solver) for f in self.frames]

@@ -19,7 +19,7 @@ from .solvers.interface import Options
 from .transcriptions.dqm import FEWEST, MOST, Dqm
 
 POINTS = (21, 31, 45, 61, 81)  # tried in turn where the number is left open
-ITERATIONS = 500  # the undamped tail of (26) is long
+ITERATIONS = {"gauss-newton": 60, "levenberg-marquardt": 500, "ipopt": 200, "paper": 500}  # the tail of (26) is long
 START_SOLVER = "gauss-newton"  # of the collocation, where the first shape and the certificate come from
 FAR = 0.05  # in L; a collocation solve that ends further away found another shape
 
@@ -83,7 +83,7 @@ def _solve(case: Case, start: Rod, points: int, options: Quadrature) -> Quadratu
     method = Dqm(case, points, options.closure)
     nodes = method.rule.nodes
     at = start.sample(nodes)
-    limits = Options(iterations=ITERATIONS, stationary=True)
+    limits = Options(iterations=ITERATIONS[options.solver], stationary=True)
     solution = SOLVERS[options.solver](method.least_squares(), method.pack(at.q, at.force), limits)
     q, moment, force = method.states(solution.x, nodes)
     rod = Rod(case.section, case.load, nodes, q, method.centreline(solution.x, nodes), force, moment)

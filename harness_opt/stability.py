@@ -39,6 +39,8 @@ POINTS = 5  # Gauss points an element: exact for the products of polynomials, an
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
 RANK = 1e-9  # singular values below this fraction of the largest count as zero
+PHASE = 2.0  # rad, most that a mode is let to vary by over one element
+MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
 ROUNDING = 1e-9  # relative asymmetry of an operator that is symmetric
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
@@ -135,6 +137,26 @@ def _integrated(field: Array, left: Array, right: Array) -> Array:
     return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
 
 
+def _resolved(rod: Rod) -> tuple[Rod, Array]:
+    """Return ``rod`` on a mesh that resolves how phi may vary, and which of its nodes (n + 1,) are those of ``rod``.
+
+    Along a rod under force F and moment M the modes vary with wave numbers of about sqrt(F / B) and M / B (the tip of
+    a clamp layer; the helix of a twisted rod), whatever its own shape needs.
+    """
+    bending = float(np.min(rod.section.stiffness[:2]))
+    force, moment = (np.linalg.norm(v, axis=-1).reshape(-1, len(rod.mesh)).max(axis=0) for v in (rod.force, rod.moment))
+    wave = np.sqrt(force / bending) + moment / bending
+    steps = np.diff(rod.mesh)
+    pieces = np.ceil(steps * np.maximum(wave[1:], wave[:-1]) / PHASE)
+    pieces = np.clip(pieces, 1, max(1, min(MOST_PIECES, MOST_ELEMENTS // len(steps)))).astype(int)
+    old = np.concatenate([[0], np.cumsum(pieces)])
+    if old[-1] == len(steps):
+        return rod, old
+    mesh = np.interp(np.arange(old[-1] + 1), old, rod.mesh)
+    samples = rod.sample(mesh)
+    return Rod(rod.section, rod.load, mesh, samples.q, samples.r, samples.force, samples.moment), old
+
+
 def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
     """Return what :func:`_assemble` does without the fields that the clamps forbid, and the load scale (...)."""
     matrix, constraint, mass = _assemble(rod)
@@ -170,7 +192,7 @@ def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
 
 def stability(rod: Rod, kind: Kind) -> Stability:
     """Return the stability of ``rod`` between ends of ``kind``."""
-    matrix, _, scale = _reduced(rod, kind)
+    matrix, _, scale = _reduced(_resolved(rod)[0], kind)
     values = np.linalg.eigvalsh(matrix) if _conservative(matrix) else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
     return Stability(np.asarray(values[..., 0], dtype=float), np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
 
@@ -182,7 +204,7 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
     where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
     symmetric part, and what it says of that is true of the real parts of all eigenvalues.
     """
-    matrix, constraint, mass, scale = _allowed(rod, kind)
+    matrix, constraint, mass, scale = _allowed(_resolved(rod)[0], kind)
     matrix = 0.5 * (matrix + np.swapaxes(matrix, -1, -2)) + (NEUTRAL * scale)[..., None, None] * mass
     if kind.start_position and kind.end_position:
         matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(constraint, -1, -2) @ constraint
@@ -204,14 +226,15 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
 
     It is in the section frame, and its longest vector has length 1.
     """
-    matrix, basis, _ = _reduced(rod, kind)
+    resolved, nodes = _resolved(rod)
+    matrix, basis, _ = _reduced(resolved, kind)
     if _conservative(matrix):
         vector = np.linalg.eigh(matrix)[1][:, 0]
     else:
         values, vectors = np.linalg.eig(matrix)
         vector = vectors[:, np.argmin(values.real)].real
-    field = np.zeros(3 * (DEGREE * (len(rod.mesh) - 1) + 1))
+    field = np.zeros(3 * (DEGREE * (len(resolved.mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
     field[first : first + len(basis)] = basis @ vector
-    at_nodes = field.reshape(-1, 3)[::DEGREE]
+    at_nodes = field.reshape(-1, 3)[::DEGREE][nodes]
     return at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))
