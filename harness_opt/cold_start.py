@@ -135,6 +135,11 @@ def _down(
     return None
 
 
+def is_stable(solved: Solved) -> bool:
+    """Return whether a solved shape has no unstable direction."""
+    return bool(stability(solved.rod, solved.case.boundary.kind).stable)
+
+
 def _lean(case: Case, rod: Rod, direction: Array, solver: str) -> Solved | None:
     """Solve from ``rod`` nudged along ``direction`` (n + 1, 3), in its section frames at the nodes.
 
