@@ -3,14 +3,22 @@
 Exact: the clamped elastica by elliptic integrals. Independent: the reference shapes in ``reference/``.
 """
 
+import dataclasses
+import itertools
+
 import numpy as np
 import pytest
 from test_analytic import ALONG_X, elastica_error, unit_cable
+from test_problems import PROBLEMS
 from test_reference import G, cable, ends, table
 
 import harness_opt as ho
 from harness_opt import rod
+from harness_opt.boundary import case
 from harness_opt.quadrature import differential_quadrature
+from harness_opt.solvers import paper
+from harness_opt.solvers.interface import Options
+from harness_opt.transcriptions.dqm import Dqm
 
 
 def by_the_paper(points: int, **options: object) -> float:
@@ -49,7 +57,7 @@ def test_error_falls_spectrally_and_closure_puts_a_floor_under_it():
     assert np.log(closed[0] / closed[1]) / np.log(60 / 30) > 1.5
 
 
-@pytest.mark.parametrize("solver", ["gauss-newton", "levenberg-marquardt", "ipopt"])
+@pytest.mark.parametrize("solver", ["gauss-newton", "levenberg-marquardt", "ipopt", "paper"])
 @pytest.mark.parametrize("name", ["clamped_3d", "twist_rig_080_180deg"])
 def test_references(name, solver):
     gravity, bow = ((0, 0, -G), None) if "rig" in name else ((0, 0, 0), (0, 1, 0))
@@ -82,3 +90,87 @@ def test_a_mechanical_end():
     ours = ho.equilibrium(unit_cable(), start, free)
     paper = ho.equilibrium(unit_cable(), start, free, transcription="dqm", tolerance=1e-8)
     assert np.max(np.linalg.norm(ours.position - paper.position, axis=1)) < 1e-8
+
+
+FLAT = ho.Cable(1.0, 0.01, (1.0, 1.7), 0.8, 5.0 / G, rest_curvature=(0.3, -0.2, 0.4))
+HELD = {"position": ((0, 0, 0), (0.5, 0.2, 0.4)), "force": ((0.4, 0, 0.3), (0.5, -0.2, 0.6))}
+TURNED = {"quaternion": ((1, 0, 0, 0), (0.8, 0.6, 0, 0)), "moment": ((0.1, 0.2, 0), (0.3, -0.1, 0.2))}
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "third", "fourth"),
+    [kinds for kinds in itertools.product(HELD, TURNED, HELD, TURNED) if "position" in kinds],
+)
+def test_every_combination_of_conditions(first, second, third, fourth):
+    # the paper's five groups in threes and twos, and what lies between: one end at least has a position
+    start = ho.End(**{first: HELD[first][0], second: TURNED[second][0]})
+    end = ho.End(**{third: HELD[third][1], fourth: TURNED[fourth][1]})
+    if (second, fourth) == ("moment", "moment") and first != third:  # hangs from a pin: nothing would hold moments up
+        start, end = (dataclasses.replace(held, moment=None) for held in (start, end))
+    ours = ho.equilibrium(FLAT, start, end, (0, 0, -G))
+    paper_s = ho.equilibrium(FLAT, start, end, (0, 0, -G), transcription="dqm", tolerance=1e-6, guess=ours)
+    assert ours.stable and paper_s.stable
+    assert np.max(np.linalg.norm(ours.position - paper_s.position, axis=1)) < 1e-6
+
+
+def test_equations_hold_on_an_independent_shape():
+    # (9)-(17), (24) and (25) with flat sections, at the shape that the collocation finds to 1e-11
+    start, end = ho.End((0, 0, 0), (1, 0, 0, 0)), ho.End((0.3, 0.2, 0.5), (0.8, 0.6, 0, 0))
+    shape = ho.equilibrium(FLAT, start, end, (0, 0, -G), tolerance=1e-11)
+    posed = case(FLAT, start, end, np.array([0.0, 0.0, -G])).signed_like(shape.quaternion[0], shape.quaternion[-1])
+    method = Dqm(posed, 61, True)
+    at = shape.at(method.rule.nodes)
+    units = rod.scale(FLAT)[1]
+    residual = method.residual(method.pack(at.quaternion, at.force / units.force))
+    assert np.max(np.abs(residual[:-1])) < 1e-5  # second derivatives on 61 points cost 1e-15 * 61^4
+    chords = np.sum(np.linalg.norm(np.diff(at.position, axis=0), axis=1))
+    assert residual[-1] == pytest.approx(1.0 - chords, rel=1e-6)
+    assert residual[-1] > 1e-5  # what (25) asks for and no shape of the cable has
+
+
+def test_the_paper_s_step_is_eq_26():
+    method = Dqm(case(unit_cable(), ho.End((0, 0, 0), ALONG_X), ho.End((0.6, 0, 0), ALONG_X), np.zeros(3)), 11, True)
+    x = method.pack(np.tile(ALONG_X, (11, 1)) + 0.01 * np.sin(np.arange(44.0)).reshape(11, 4), np.ones((11, 3)))
+    residual, jacobian = method.linearise(x)
+    j = jacobian.toarray()
+    norms = np.linalg.norm(j, axis=0)
+    scale = paper.LARGEST_SCALE * norms / norms.max()
+    damping = np.linalg.norm(j.T @ residual)
+    step = -np.linalg.solve(j.T @ j + damping * np.diag(scale**2), j.T @ residual)
+    taken = paper.solve(method.least_squares(), x, Options(iterations=1, stationary=True)).x - x
+    np.testing.assert_allclose(taken, step, atol=1e-9 * np.max(np.abs(step)))
+
+
+@pytest.mark.parametrize("solver", ["levenberg-marquardt", "paper"])
+def test_a_motion_by_the_paper_s_method(solver):
+    run = ho.CableRun(
+        unit_cable(), ho.End((0, 0, 0), ALONG_X), ho.End((0, 0, 0), ALONG_X, body="slider"), bow=(0, 0, 1)
+    )
+    problem = ho.Problem({"lead": run}, {"slider": ho.Body(ho.Slide((-1, 0, 0), -0.8, -0.6))}, spatial_step=0.05)
+    theirs = ho.simulate(problem, transcription="dqm", points=31, solver=solver, tolerance=1e-5)
+    assert theirs.ok and len(theirs.motion) == 5
+    for shape, distance in zip(theirs.cables["lead"].position, (0.8, 0.75, 0.7, 0.65, 0.6), strict=True):
+        assert elastica_error(shape, theirs.cables["lead"].s, distance, np.array([0.0, 0.0, 1.0])) < 1e-5
+
+
+def test_on_the_rig_the_two_methods_agree_or_the_paper_s_says_that_it_failed():
+    problem = ho.read_problem(PROBLEMS / "twist_rig" / "twist_rig.toml")
+    frames = np.linspace(0.3, 1.0, 8)
+    run, solved = problem.cables["cable"], 0
+    for start, end in problem.ends("cable", frames):
+        begin = ho.equilibrium(run.cable, start, end, problem.gravity)
+        theirs = ho.equilibrium(
+            run.cable, start, end, problem.gravity, transcription="dqm", points=61, guess=begin, tolerance=1e-5,
+            throw=False,
+        )  # fmt: skip
+        distance = np.max(np.linalg.norm(theirs.position - begin.position, axis=1)) / run.cable.length
+        assert theirs.ok == (distance < 1e-5)
+        solved += theirs.ok
+    assert solved >= 4
+
+
+def test_a_motion_on_too_few_points_ends_with_the_reason():
+    problem = ho.read_problem(PROBLEMS / "twist_rig" / "twist_rig.toml")
+    with pytest.raises(ho.SolveError, match=r"frame 0 of 3 .*differential quadrature on 15 points") as caught:
+        ho.simulate(problem, frames=[0.5, 0.6, 0.7], transcription="dqm", points=15)
+    assert len(caught.value.partial.motion) == 0

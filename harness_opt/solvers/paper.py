@@ -18,9 +18,9 @@ from ..errors import Status
 from .interface import Array, LeastSquares, Options, Solution, largest
 from .linear import damped_step
 
-ERR = 1e-8  # mu below which the iteration ends
+ERR = 2e-15  # of the largest squared column norm: the mu at which the iteration ends; rounding allows no smaller one
 STALLED = 1e-15  # mu below which nothing moves any more
-LARGEST_SCALE = 0.03  # of D; measured: from 0.01 to 0.1 the systems on 21 to 61 points end within 300 steps
+LARGEST_SCALE = 0.03  # of D; measured: from 3e-4 to 0.03 the systems on 31 to 61 points end within 20 steps
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
@@ -29,10 +29,11 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     if not _finite(residual, jacobian):
         return Solution(x, Status.NOT_FINITE, largest(residual), 0)
     norms = spla.norm(jacobian, axis=0)
-    scale = LARGEST_SCALE * np.where(norms > 0, norms, 1.0) / max(float(np.max(norms)), 1.0)
+    longest = float(np.max(norms))
+    scale = LARGEST_SCALE * np.where(norms > 0, norms, longest) / longest
     for iteration in range(options.iterations):
         damping = float(np.linalg.norm(jacobian.T @ residual))
-        if damping < ERR and (options.stationary or largest(residual) <= options.tolerance):
+        if damping < ERR * longest**2 and (options.stationary or largest(residual) <= options.tolerance):
             return Solution(x, Status.OK, largest(residual), iteration)
         if damping < STALLED:
             return Solution(x, Status.STALLED, largest(residual), iteration)
