@@ -20,7 +20,7 @@ from .continuation import ELEMENTS, STAGES, STEP_ITERATIONS, Solved, error_estim
 from .rod import Section
 from .rotations import Array
 from .shape import Rod
-from .stability import lowest_mode, stability
+from .stability import lowest_mode, stability, wave_numbers
 from .starting_curve import starting_curve
 from .transcriptions import chain
 from .transcriptions.collocation import pack, stations
@@ -34,6 +34,8 @@ NUDGES = (
 )  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
 RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
 THOROUGH = 2  # starting curves from which easier cases are followed; an impossible pose costs most of its time there
+CHAINS = (chain.SEGMENTS, 2 * chain.SEGMENTS, 4 * chain.SEGMENTS)  # segments on offer for a descent
+PIECES_A_RADIAN = 1.0  # segments that a lost cable starts down with, in a radian of what may vary along it
 FINE = 96  # segments of the chain that a lost cable sinks with in the end
 FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of a fine chain
 DESCENTS = 4  # one after the other, from saddle to saddle
@@ -88,7 +90,7 @@ def _relaxed(case: Case, q: Array, r: Array, solver: str, descent: Descent = cha
 
 def _sink_fine(section: Section, load: Array, boundary: Boundary, q: Array, r: Array) -> chain.ChainState | None:
     """Let a fine chain sink, as :func:`chain.settle`: its valleys are those of the cable to a per mille."""
-    nodes, fine = np.linspace(0.0, 1.0, len(q)), np.linspace(0.0, 1.0, FINE + 1)
+    nodes, fine = np.linspace(0.0, 1.0, len(q)), np.linspace(0.0, 1.0, max(FINE, 2 * (len(q) - 1)) + 1)
     q, r = (np.stack([np.interp(fine, nodes, column) for column in field.T], axis=1) for field in (q, r))
     return chain.settle(section, load, boundary, rotations.normalise(q), r)
 
@@ -163,7 +165,8 @@ def _lean(case: Case, rod: Rod, direction: Array, solver: str) -> Solved | None:
 
 def _descend(case: Case, rod: Rod, field: Array, solver: str, descent: Descent) -> Solved | None:
     """Go down from ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None if in vain."""
-    nodes = np.linspace(0.0, 1.0, chain.SEGMENTS + 1)
+    pieces = PIECES_A_RADIAN * float(np.max(wave_numbers(rod.force, rod.moment, rod.section.stiffness)))
+    nodes = np.linspace(0.0, 1.0, next((n for n in CHAINS if n >= pieces), CHAINS[-1]) + 1)
     samples = rod.sample(nodes)
     field = np.stack([np.interp(nodes, rod.mesh, field[:, i]) for i in range(3)], axis=1)
     q = rotations.multiply(samples.q, rotations.from_rotation_vector(field))

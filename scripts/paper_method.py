@@ -35,6 +35,7 @@ DISTANCE = 0.6  # of the elastica's ends, in lengths of the cable
 POINTS, QUICK_POINTS = (11, 15, 21, 25, 31, 35, 41, 51, 61, 81, 101), (15, 21, 31, 41)
 RIG_POINTS, QUICK_RIG_POINTS = (31, 61), (31,)
 EVERY, QUICK_EVERY = 6, 26  # of the rig's frames are solved
+METHODS = ("paper", "levenberg-marquardt")  # Levenberg-Marquardt as (26) prints it, and with gain control
 TOLERANCE = 1e-5  # in lengths of the cable: what a shape by differential quadrature is accepted at
 REFERENCE = 1e-9
 ALONG_X = (0.5**0.5, 0.0, 0.5**0.5, 0.0)
@@ -105,7 +106,7 @@ def rig_rows(points: Iterable[int], every: int) -> list[dict[str, Any]]:
                     "seconds": seconds}
         )  # fmt: skip
         for count in points:
-            for solver in ("paper", "levenberg-marquardt"):
+            for solver in METHODS:
                 begin = time.perf_counter()
                 answer = solve_by_quadrature(target, before.rod, Quadrature(count, False, solver, TOLERANCE))
                 seconds = time.perf_counter() - begin
