@@ -150,7 +150,7 @@ def draw(file: Path, rows: list[dict[str, Any]]) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        print(f"{file.name} left out: pip install matplotlib")
+        print(f"{file.name} left out: matplotlib is not installed (the extra 'studies').")
         return
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()

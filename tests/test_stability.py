@@ -238,3 +238,22 @@ def test_user_sees_a_column_buckle(factor):
     assert shape.ok and shape.stable
     bent = np.max(np.linalg.norm(shape.position[:, :2], axis=1))
     assert bent < 1e-8 if factor < 1 else bent > 0.05
+
+
+def test_shaft_under_a_dead_end_torque():
+    # straight, clamped at one end, a torque T fixed in space at the other: B theta'' + i T theta' = -lambda theta for
+    # the complex tilt, theta(0) = 0 and B theta' + i T theta = 0 at the end: k cot k = -i T / 2, lambda = k^2 - T^2 / 4
+    def least(torque: float) -> float:
+        k = 0.5 * np.pi + 0j
+        for step in np.linspace(0.0, torque, 200)[1:]:
+            for _ in range(20):
+                k -= (k / np.tan(k) + 0.5j * step) / (1.0 / np.tan(k) - k / np.sin(k) ** 2)
+        return float((k * k - 0.25 * torque**2).real)
+
+    cable = ho.Cable(1.0, 0.01, 1.0, 0.7)
+    clamp = ho.End((0, 0, 0), (1, 0, 0, 0))
+    for torque in (3.0, 3.9, 4.1, 5.0):  # below 2 the least eigenvalue is that of pure twist
+        shape = ho.equilibrium(cable, clamp, ho.End(force=(0, 0, 0), moment=(0, 0, torque)))
+        assert shape.stability_margin == pytest.approx(least(torque), abs=1e-3)
+        assert shape.stable == (least(torque) > 0)
+    assert least(4.0) > 0 > least(4.1)
