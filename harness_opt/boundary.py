@@ -13,7 +13,7 @@ import numpy as np
 
 from . import rod
 from .errors import ProblemError
-from .problem import Cable, End
+from .problem import REACH_TOLERANCE, Cable, End
 from .rod import Section, Units
 from .rotations import IDENTITY, Array
 
@@ -89,11 +89,13 @@ def boundary(start: End, end: End, units: Units) -> Boundary:
     gap = np.zeros(3)
     if kind.start_position and kind.end_position:
         gap = (np.asarray(end.position) - np.asarray(start.position)) / units.length
-        if np.linalg.norm(gap) > 1.0:
+        distance = float(np.linalg.norm(gap))
+        if distance > 1.0 + REACH_TOLERANCE:
             raise ProblemError(
-                f"length: found {units.length:.6g} m, expected at least {units.length * np.linalg.norm(gap):.6g} m, "
+                f"length: found {units.length:.6g} m, expected at least {units.length * distance:.6g} m, "
                 "the distance between its ends"
             )
+        gap = gap / max(distance, 1.0)
 
     def load(value: tuple[float, ...] | None, unit: float) -> Array:
         return np.zeros(3) if value is None else np.asarray(value) / unit

@@ -23,6 +23,7 @@ from .errors import ProblemError
 from .rotations import Array
 
 WORLD = "world"
+REACH_TOLERANCE = 1e-9  # share of the length by which rounding may set a straight cable's clamps further apart
 
 
 @dataclass(frozen=True)

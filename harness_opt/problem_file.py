@@ -27,6 +27,7 @@ from .file_values import Mistake, dotted, shown
 from .file_writer import problem_text
 from .poses_file import parse_poses
 from .problem import (
+    REACH_TOLERANCE,
     WORLD,
     Body,
     Box,
@@ -48,7 +49,6 @@ from .problem import (
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 
 MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
-REACH_TOLERANCE = 1e-9  # share of the length by which rounding may set a straight cable's clamps apart
 
 _MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
 

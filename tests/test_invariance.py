@@ -325,3 +325,18 @@ def test_last_frame_does_not_depend_on_the_way(options, reference_frame):
     for name in ("curvature", "force", "moment"):
         size = np.max(np.linalg.norm(reference_frame[name], axis=1))
         assert np.max(np.abs(found[name] - reference_frame[name])) < 1e-6 * size, name
+
+
+def test_a_taut_cable_carried_round_a_hinge_stays_straight():
+    # both clamps ride on one body: rounding takes their distance past the length here and there
+    body = {"arm": ho.Body(ho.Hinge((0.3, 0.2, 0.1), (0.3, 1.0, 0.2), 0.0, 2.0))}
+    along = rotations.from_tangent([1.0, 0.0, 0.0])
+    run = ho.CableRun(
+        ho.Cable(1.0, 0.01, 1.0, 0.7),
+        ho.End((0, 0, 0), tuple(along), body="arm"),
+        ho.End((1, 0, 0), tuple(along), body="arm"),
+    )
+    motion = ho.simulate(ho.Problem({"lead": run}, body), spatial_step=0.1)
+    lead = motion.cables["lead"]
+    chord = lead.position[:, -1] - lead.position[:, 0]
+    np.testing.assert_allclose(lead.position, lead.position[:, :1] + lead.s[:, None] * chord[:, None], atol=1e-9)
