@@ -33,9 +33,11 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     scale = LARGEST_SCALE * np.where(norms > 0, norms, longest) / longest
     for iteration in range(options.iterations):
         damping = float(np.linalg.norm(jacobian.T @ residual))
-        if iteration and damping < ERR * longest**2 and (options.stationary or largest(residual) <= options.tolerance):
+        still = damping < STALLED
+        ended = still or (iteration > 0 and damping < ERR * longest**2)  # a start may lie below, and gain by one step
+        if ended and (options.stationary or largest(residual) <= options.tolerance):
             return Solution(x, Status.OK, largest(residual), iteration)
-        if damping < STALLED:
+        if still:
             return Solution(x, Status.STALLED, largest(residual), iteration)
         scaled = sp.csc_array(jacobian @ sp.diags_array(1.0 / scale))
         further = x + damped_step(scaled, residual, damping) / scale
