@@ -327,12 +327,13 @@ def frame_rows(found: Run) -> Iterable[dict[str, object]]:
 # --- pictures ---------------------------------------------------------------------------------------------
 
 PIXELS = 3_200  # a metre, in the large pictures
-AZIMUTH, ELEVATION = 0.0, 25.0  # degrees, of the eye, off the normal of the plane in which the cable would sag
+ELEVATION = 25.0  # degrees, of the eye, above the plane across the one in which the cable would sag
 ROOM = 0.012  # m, around a shape
 HEADER, FOOTER, NARROW = 0.05, 0.022, 0.092  # m: lines of the title, words in a cell, and the room they take
 LETTER = 0.0082  # m, of the names of the rows
 LIGHT, DARK = "#f5c542", "#1f5fa8"  # the two halves of the cable's surface
 FIXED, CHUCK = "#6a737d", "#b07a2a"
+CLAMP = 0.012  # m, length of a clamp
 
 
 def sheet(file: Path, runs: Sequence[Run], names: Sequence[str], title: str, width: int | None = None) -> None:
@@ -398,16 +399,8 @@ def _moment(found: Run, distance: float) -> drawing.Moment | None:
 
 def _axes() -> Array:
     """Return right, up and towards the eye as rows (3, 3): the cable runs along y, and sags along z."""
-    azimuth, elevation = math.radians(AZIMUTH), math.radians(ELEVATION)
-    back = np.array(
-        [
-            math.cos(elevation) * math.cos(azimuth),
-            math.cos(elevation) * math.sin(azimuth),
-            math.sin(elevation),
-        ]
-    )
-    right = rotations.normalise(np.cross([0.0, 0.0, 1.0], back))
-    return np.array([right, np.cross(back, right), back])
+    sine, cosine = math.sin(math.radians(ELEVATION)), math.cos(math.radians(ELEVATION))
+    return np.array([[0.0, 1.0, 0.0], [-sine, 0.0, cosine], [cosine, 0.0, sine]])
 
 
 def _box(moment: drawing.Moment | None) -> Array:
@@ -415,17 +408,10 @@ def _box(moment: drawing.Moment | None) -> Array:
     if moment is None:
         return np.zeros((2, 2))
     shapes = moment.motion.cables[CABLE]
-    flat = _with_clamps(shapes.position[moment.frame], shapes, moment.frame) @ _axes()[:2].T
+    place = shapes.position[moment.frame]
+    out = CLAMP * rotations.tangent(shapes.quaternion[moment.frame, [0, -1]]) * ((-1.0,), (1.0,))
+    flat = np.vstack([place, place[[0, -1]] + out]) @ _axes()[:2].T
     return np.array([flat.min(axis=0), flat.max(axis=0)])
-
-
-def _with_clamps(points: Array, shapes: Any, frame: int) -> Array:
-    tangent = rotations.tangent(shapes.quaternion[frame, [0, -1]])
-    ends = shapes.position[frame, [0, -1]]
-    return np.vstack([points, ends + CLAMP * tangent * ((-1,), (1,))])
-
-
-CLAMP = 0.012  # m, length of a clamp
 
 
 def _aim(plotter: Any, middle: Array, height: float) -> None:
@@ -527,9 +513,7 @@ def draw_twists(file: Path, runs: Sequence[Run], width: int | None = None) -> No
     """Draw the wrapped shapes of one reading: twists below each other, distances beside each other."""
     drawn = [found for found in runs if found.motion.cables]
     ratio = drawn[0].rig.cable.stiffness[2] / drawn[0].rig.cable.stiffness[0]
-    title = (
-        f"Ends turned by the angle on the left, then brought together; kz/kx = {ratio:.3g}. Twist and writhe in turns"
-    )
+    title = f"End turned by the angle on the left, then brought in; kz/kx = {ratio:.3g}. Twist and writhe in turns"
     sheet(file, drawn, [f"{found.rig.twist:.0f} deg" for found in drawn], title, width)
 
 
