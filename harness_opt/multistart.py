@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .boundary import case
-from .cold_start import from_curve, is_stable, stabilise
+from .cold_start import from_curve, stabilised
 from .errors import ProblemError
 from .pose import TOLERANCE, Shape, check_method, check_tolerance, refined_shape, vector
 from .problem import Cable, End
@@ -65,9 +65,9 @@ def equilibria(
     found: list[Shape] = []
     for twist in twists:
         for bow in _directions(posed.boundary.gap, bows):
-            solved = from_curve(posed, end.turns + twist, bow, solver, thorough=False)
-            settled = None if solved is None else stabilise(solved, solver)
-            if settled is None or not is_stable(settled):
+            solved = from_curve(posed, end.turns + twist, bow, solver)
+            settled = None if solved is None else stabilised(solved, solver)
+            if settled is None:
                 continue
             shape = refined_shape(cable, (start, end), settled, tolerance, solver, stations)
             if shape.ok and shape.stable and not any(_same(shape, other) for other in found):

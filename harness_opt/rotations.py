@@ -41,6 +41,16 @@ def cross(a: Array, b: Array) -> Array:
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
 
 
+def cross_matrix(v: ArrayLike) -> Array:
+    """Return [v] (..., 3, 3) with [v] u = v x u."""
+    v = np.asarray(v, dtype=float)
+    out = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i, j] = -v[..., k]
+        out[..., j, i] = v[..., k]
+    return out
+
+
 def multiply(p: ArrayLike, q: ArrayLike) -> Array:
     """Return the Hamilton product ``p q`` (..., 4): first ``q`` turns, then ``p``."""
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
@@ -81,6 +91,16 @@ def from_rotation_vector(v: ArrayLike) -> Array:
     v = np.asarray(v, dtype=float)
     half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], axis=-1)
+
+
+def rotation_vector(q: ArrayLike) -> Array:
+    """Return ``v`` (..., 3), |v| up to 2 pi, with ``q`` (..., 4) = from_rotation_vector(v): of q and -q, two vectors."""
+    q = np.asarray(q, dtype=float)
+    sine = np.linalg.norm(q[..., 1:], axis=-1)
+    half = np.arctan2(sine, q[..., 0])
+    with np.errstate(invalid="ignore"):
+        ratio = np.where(sine > 1e-12, half / sine, 1.0)  # sin x / x is 1 to rounding there
+    return 2.0 * ratio[..., None] * q[..., 1:]
 
 
 def from_matrix(frame: ArrayLike) -> Array:

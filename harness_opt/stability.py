@@ -74,15 +74,6 @@ def _shape_functions() -> tuple[Array, Array]:
     return powers @ coefficients, slopes @ coefficients
 
 
-def _cross_matrix(v: Array) -> Array:
-    """Return [v] (..., 3, 3) with [v] u = v x u."""
-    out = np.zeros((*v.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[..., i, j] = -v[..., k]
-        out[..., j, i] = v[..., k]
-    return out
-
-
 def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
     """Return Q (..., D, D), the position constraint (..., 3, D) and the mass matrix (D, D), D = 3 (3 n + 1)."""
     tableau = gauss(POINTS)
@@ -98,7 +89,7 @@ def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
     force = rotations.rotate(inverse, samples.force).reshape(split)
     frame = rotations.matrix(samples.q).reshape(*split, 3)
     stiffness = np.diag(rod.section.stiffness)
-    w, m = _cross_matrix(omega), _cross_matrix(moment)
+    w, m = rotations.cross_matrix(omega), rotations.cross_matrix(moment)
     # M . (e x phi) = phi . (M x e); F . (phi x (phi x d3)) = (F . phi)(phi . d3) - (F . d3)(phi . phi)
     d3 = np.array([0.0, 0.0, 1.0])
     geometric = force[..., 2, None, None] * np.eye(3) - 0.5 * (
@@ -111,7 +102,7 @@ def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
     coupling = _integrated(rate, value, slope)
     blocks = rigid + coupling + np.einsum("...eaibj->...ebjai", coupling)
     blocks = blocks + steps[:, None, None, None, None] * _integrated(plain, value, value)
-    lever = frame @ -_cross_matrix(d3)  # R (phi x d3) = -R [d3] phi
+    lever = frame @ -rotations.cross_matrix(d3)  # R (phi x d3) = -R [d3] phi
     ends = np.einsum("e,ga,...egci->...ecai", steps, tableau.weights[:, None] * value, lever)
     masses = np.einsum("e,g,ga,gb,ij->eaibj", steps, tableau.weights, value, value, np.eye(3))
     size, local = 3 * (DEGREE * count + 1), 3 * (DEGREE + 1)
@@ -174,7 +165,7 @@ def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
         if not held:
             span = slice(0, 3) if node == 0 else slice(size - 3, size)
             moment = rotations.rotate(rotations.conjugate(rod.q[..., node, :]), rod.moment[..., node, :])
-            matrix[..., span, span] += sign * _cross_matrix(moment)
+            matrix[..., span, span] += sign * rotations.cross_matrix(moment)
     kept = slice(3 if kind.start_orientation else 0, size - (3 if kind.end_orientation else 0))
     scale = 1.0 + np.max(np.linalg.norm(rod.force, axis=-1), axis=-1)
     return matrix[..., kept, kept], constraint[..., kept], mass[kept, kept], scale

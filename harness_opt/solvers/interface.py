@@ -1,4 +1,4 @@
-"""What every solver takes and gives: a nonlinear least-squares problem, and a solution with its status."""
+"""What every solver takes and gives: a nonlinear least-squares problem and a solution with its status; an energy."""
 
 from __future__ import annotations
 
@@ -80,6 +80,69 @@ class Solution:
     residual: float
     iterations: int
     factor: Any = None
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """An energy to second order about a point.
+
+    Args:
+        gradient: (n,), of the energy less the multipliers' work.
+        constraint: (c,), what is missed.
+        entries: of [H A^T; A 0], to be summed at ``places`` with the diagonal's behind them.
+        curved: how many of them belong to H.
+        places: among the nonzeros.
+        sparsity: of the bordered matrix.
+        weights: (n,), diagonal of the metric W.
+    """
+
+    gradient: Array
+    constraint: Array
+    entries: Array
+    curved: int
+    places: NDArray[np.integer]
+    sparsity: ca.Sparsity
+    weights: Array
+
+    def bordered(self, shift: float, *, flat: bool = False) -> ca.DM:
+        """Return [H + shift W, A^T; A, 0]; ``flat`` leaves H out."""
+        entries = self.entries
+        if flat:
+            entries = np.concatenate([np.zeros(self.curved), entries[self.curved :]])
+        return ca.DM(
+            self.sparsity,
+            np.bincount(self.places, np.concatenate([entries, shift * self.weights]), self.sparsity.nnz()),
+        )
+
+
+class Landscape(Protocol):
+    """An energy on a manifold of points ``q``, moved by steps of its tangent space."""
+
+    @property
+    def constraints(self) -> int:
+        """Number of constraints."""
+        ...
+
+    @property
+    def sparsity(self) -> ca.Sparsity:
+        """Of the bordered Hessian."""
+        ...
+
+    def energy(self, q: Array) -> tuple[float, Array]:
+        """Return the energy at a point, and what is missed of the constraints."""
+        ...
+
+    def expand(self, q: Array, multipliers: Array) -> Expansion:
+        """Return the energy less the multipliers' work to second order."""
+        ...
+
+    def move(self, q: Array, step: Array) -> Array:
+        """Return the point a step further."""
+        ...
+
+    def strained(self, q: Array) -> bool:
+        """Return whether the landscape is too coarse for a point."""
+        ...
 
 
 STILL = 1e-9  # largest entry of a step at a least-squares minimum

@@ -1,11 +1,21 @@
-"""The rod as a coarse chain whose energy is least: finds a stable shape from far away, to a few per cent.
+"""The rod's energy on a chain of elements: what a cable goes down when it is let go.
 
-Nodes carry a quaternion and a position, segments a Darboux vector. The implicit midpoint rule joins them,
+In an element the section frame is that of its first node turned by a rotation whose modified Rodrigues parameters
+sigma = tan(angle / 4) axis are a polynomial in arc length through the element's nodes. They give
 
-    q+ - q = h qm (0, omega) / 2,  qm = (q + q+) / 2,  r+ - r = h d3(qm) / |qm|^2,
+    omega = 4 [(1 - |sigma|^2) sigma' - 2 sigma x sigma' + 2 (sigma . sigma') sigma] / (1 + |sigma|^2)^2
 
-and keeps |q| = 1 and the length exactly. Energy: sum h/2 (omega - rest) . K (omega - rest) less the work of dead loads.
-A minimum is a stable equilibrium; a saddle is not, which is what makes it the right start for an accurate solve.
+(Schaub and Junkins, "Analytical Mechanics of Space Systems", section 3.5.3, with the body's own axes), and d3 without
+trigonometry. Energy: int (omega - rest) . K (omega - rest) / 2 less the work of dead loads, by Gauss's rule. The
+length is exact, and where both ends have positions, int d3 = gap is the one constraint; its multiplier is the force
+at the end. A minimum is a stable equilibrium of the rod, to the order of the elements.
+
+Energy, chord and gradient are those of the elements; second derivatives are the rod's own, with the small rotations
+phi of the sections interpolated between those of the nodes, as in :mod:`harness_opt.stability`:
+
+    int e . K e + M . (e x phi) - F . (phi x (phi x d3)) ds,   e = phi' + omega x phi,   M = K (omega - rest).
+
+They differ by the elements' own error, and are had at a tenth of the price.
 """
 
 from __future__ import annotations
@@ -16,171 +26,295 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from .. import rod
+from .. import rod, rotations
 from ..boundary import Boundary
+from ..quadrature import gauss
 from ..rod import Section
 from ..rotations import Array
-from ..solvers.interface import QUIET
+from ..solvers.interface import Expansion
 
-SEGMENTS = 24
-ITERATIONS = 300
-TOLERANCE = 1e-7  # of IPOPT; the collocation solve makes it accurate
-FIRST_DRAG = 10.0  # of the viscous medium in the first step, in the largest stiffness
-LONG_STEP = 0.6  # rad, a step that turns a section further is taken again with more drag
-AT_REST = 1e-3  # rad, in a step of hardly any drag
-SINKING_ITERATIONS = 40  # of IPOPT in a short step; one that needs more is too long
-MOST_SINKING, STUCK = 80, 1e9  # steps, and the drag at which not even a tiny one can be solved
+DEGREE = 3  # of the polynomials, and number of Gauss points: order 6, at the least cost for an unknown
+NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0])  # Lobatto's
+UNKNOWNS = 3 * (DEGREE + 1)  # small rotations of an element's nodes
+NEIGHBOURS, WHOLE = 1.0, 2.5  # rad that neighbouring nodes, and those of an element, may be turned to each other
+
+Indices = NDArray[np.integer[Any]]
+
+
+def _lagrange(at: Array) -> tuple[Array, Array]:
+    """Return the values and the derivatives (m, DEGREE + 1) at ``at`` (m,) of the polynomials that are 1 at a node."""
+    powers = np.arange(DEGREE + 1)
+    inverse = np.linalg.inv(np.vander(NODES, increasing=True))
+    values = at[:, None] ** powers
+    slopes = powers * at[:, None] ** np.maximum(powers - 1, 0)
+    return values @ inverse, slopes @ inverse
+
+
+def _product(p: ca.SX, q: ca.SX) -> ca.SX:
+    return ca.vertcat(p[0] * q[0] - ca.dot(p[1:], q[1:]), p[0] * q[1:] + q[0] * p[1:] + ca.cross(p[1:], q[1:]))
+
+
+@functools.cache
+def _element() -> tuple[ca.Function, ca.Function]:
+    """Return two functions of one element.
+
+    Arguments: nodes' quaternions (4 (DEGREE + 1),), length, start, stiffness, rest curvature, force at the end of the
+    cable, load. Results of the first: energy and chord; of the second: the gradient of the energy by small rotations
+    of the nodes about their own axes, the chord, and quaternions and Darboux vectors at the Gauss points.
+    """
+    tableau = gauss(DEGREE)
+    values, slopes = _lagrange(tableau.nodes)
+    q, turn = ca.SX.sym("q", 4, DEGREE + 1), ca.SX.sym("turn", 3, DEGREE + 1)
+    h, s = ca.SX.sym("h"), ca.SX.sym("s")
+    stiffness, rest, force, load = (ca.SX.sym(name, 3) for name in ("stiffness", "rest", "force", "load"))
+    nodes = [_product(q[:, j], ca.vertcat(1.0, 0.5 * turn[:, j])) for j in range(DEGREE + 1)]
+    inverse = ca.vertcat(nodes[0][0], -nodes[0][1:])
+    relative = [_product(inverse, node) for node in nodes[1:]]
+    # turned by first order only: the quaternions are not of length 1 then
+    sigmas = ca.horzcat(ca.SX(3, 1), *(p[1:] / (ca.norm_2(p) + p[0]) for p in relative))
+    energy, chord, frames, omegas = ca.SX(0), ca.SX(3, 1), [], []
+    for j in range(DEGREE):
+        sigma, rate = ca.mtimes(sigmas, values[j]), ca.mtimes(sigmas, slopes[j]) / h
+        square = ca.sumsqr(sigma)
+        omega = (1.0 - square) * rate - 2.0 * ca.cross(sigma, rate) + 2.0 * ca.dot(sigma, rate) * sigma
+        omega *= 4.0 / (1.0 + square) ** 2
+        here = _product(nodes[0], ca.vertcat(1.0 - square, 2.0 * sigma) / (1.0 + square))
+        piece = h * float(tableau.weights[j]) * rod.frame(here)[:, 2] / ca.sumsqr(nodes[0])
+        inner = force + load * (1.0 - s - h * float(tableau.nodes[j]))
+        strain = omega - rest
+        energy += 0.5 * h * float(tableau.weights[j]) * ca.dot(stiffness * strain, strain) - ca.dot(inner, piece)
+        chord += piece
+        frames.append(here)
+        omegas.append(omega)
+    turns = ca.vec(turn)
+    gradient = ca.gradient(energy, turns)
+    results = [
+        ca.substitute(x, turns, ca.DM.zeros(UNKNOWNS))
+        for x in (energy, chord, gradient, ca.vertcat(*frames), ca.vertcat(*omegas))
+    ]
+    arguments = [ca.vec(q), h, s, stiffness, rest, force, load]
+    return (
+        ca.Function("energy", arguments, results[:2], {"cse": True}),
+        ca.Function("expansion", arguments, results[1:], {"cse": True}),
+    )
+
+
+@functools.lru_cache(maxsize=32)
+def _mapped(elements: int) -> tuple[ca.Function, ca.Function]:
+    energy, expansion = _element()
+    return energy.map(elements), expansion.map(elements)
 
 
 @dataclass(frozen=True)
-class ChainState:
-    """A chain's shape: ``q`` (n + 1, 4), ``r`` (n + 1, 3), ``omega`` of the segments (n, 3), ``force`` at the start
-    (3,).
-    """
-
-    q: Array
-    r: Array
-    omega: Array
-    force: Array
-
-
-@functools.lru_cache(maxsize=8)
-def _program(segments: int, iterations: int) -> tuple[ca.Function, int]:
-    """Return the nonlinear program of a chain of ``segments``, and its number of unknowns."""
-    q, r, omega = (
-        ca.SX.sym(name, rows, segments + extra) for name, rows, extra in (("q", 4, 1), ("r", 3, 1), ("w", 3, 0))
-    )
-    stiffness, rest, load, start_force, end_force = (ca.SX.sym(f"p{i}", 3) for i in range(5))
-    end_quaternion, drag, held = ca.SX.sym("end_quaternion", 4), ca.SX.sym("drag"), ca.SX.sym("held", 4, segments + 1)
-    h = 1.0 / segments
-    energy = -ca.dot(end_force, r[:, -1]) - ca.dot(start_force, r[:, 0])
-    energy += 2.0 * h * drag * ca.sumsqr(q - held)  # |2 (q - held)| is the angle turned through
-    defects = []
-    for i in range(segments):
-        middle = 0.5 * (q[:, i] + q[:, i + 1])
-        strain = omega[:, i] - rest
-        energy += 0.5 * h * ca.dot(stiffness * strain, strain) - 0.5 * h * ca.dot(load, r[:, i] + r[:, i + 1])
-        # |qm|^2 = 1 / (1 + h^2 omega^2 / 16), from the rule above
-        stretch = 1.0 + (0.25 * h) ** 2 * ca.sumsqr(omega[:, i])
-        defects.append(q[:, i + 1] - q[:, i] - h * rod.quaternion_rate(middle, omega[:, i]))
-        defects.append(r[:, i + 1] - r[:, i] - h * stretch * rod.frame(middle)[:, 2])
-    conjugate = ca.vertcat(end_quaternion[0], -end_quaternion[1:])
-    last = q[:, -1]
-    relative = conjugate[0] * last[1:] + last[0] * conjugate[1:] + ca.cross(conjugate[1:], last[1:])
-    unknowns = ca.vertcat(ca.vec(q), ca.vec(r), ca.vec(omega))
-    constraints = ca.vertcat(*defects, ca.sumsqr(q[:, 0]) - 1, relative)
-    parameters = ca.vertcat(stiffness, rest, load, start_force, end_force, end_quaternion, drag, ca.vec(held))
-    nlp = {"x": unknowns, "f": energy, "g": constraints, "p": parameters}
-    settings: dict[str, Any] = {
-        **QUIET,
-        "ipopt.max_iter": iterations,
-        "ipopt.tol": TOLERANCE,
-        "ipopt.fixed_variable_treatment": "make_parameter",
-    }
-    return ca.nlpsol("chain", "ipopt", nlp, settings), unknowns.numel()
-
-
-def relax(
-    section: Section, load: Array, boundary: Boundary, q: Array, r: Array, drag: float = 0.0
-) -> ChainState | None:
-    """Let a chain go from the shape given to a minimum of its energy.
+class _Pattern:
+    """Where the entries of the elements go in the bordered Hessian [H A^T; A -] (column-major, symmetric).
 
     Args:
-        section, load, boundary: the cable and its ends, dimensionless; moments given at the ends are left out.
-        q, r: the shape, (n + 1, 4) and (n + 1, 3), r from the start of the cable.
-        drag: of a viscous medium over the time step taken, per length and angle squared: the energy has half of it
-            times the squared angle turned through added. 0 is a step without end.
-
-    Returns:
-        The relaxed chain, or None where IPOPT found none or turned the end by whole turns.
+        nodes: of the elements, (elements, DEGREE + 1).
+        free: whether a node may turn, (nodes,).
+        blocks: which entries of the elements' Hessians are used, (elements, UNKNOWNS, UNKNOWNS).
+        chords: which entries of the chords' derivatives are used, (elements, 3, UNKNOWNS), or None.
+        places: of all these, and of the diagonal, among the nonzeros.
+        sparsity: of the matrix.
     """
-    segments = len(q) - 1
-    solver, size = _program(segments, SINKING_ITERATIONS if drag > 0.0 else ITERATIONS)
-    h = 1.0 / segments
-    difference = np.diff(q, axis=0)
-    middle = 0.5 * (q[1:] + q[:-1])
-    middle = middle / np.sum(middle**2, axis=1, keepdims=True)
-    omega = (
-        2.0
-        / h
-        * (
-            middle[:, :1] * difference[:, 1:]
-            - difference[:, :1] * middle[:, 1:]
-            - np.cross(middle[:, 1:], difference[:, 1:])
-        )
+
+    nodes: Indices
+    free: NDArray[np.bool_]
+    blocks: NDArray[np.bool_]
+    chords: NDArray[np.bool_] | None
+    places: Indices
+    sparsity: ca.Sparsity
+
+
+@functools.lru_cache(maxsize=64)
+def _pattern(elements: int, held_start: bool, held_end: bool, closed: bool) -> _Pattern:
+    count = DEGREE * elements + 1
+    nodes = DEGREE * np.arange(elements)[:, None] + np.arange(DEGREE + 1)
+    free = np.ones(count, dtype=bool)
+    free[0], free[-1] = not held_start, not held_end
+    number = np.full((count, 3), -1)
+    size = 3 * int(free.sum())
+    number[free] = np.arange(size).reshape(-1, 3)
+    unknowns = number[nodes].reshape(elements, UNKNOWNS)
+    row, column = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
+    blocks = (row >= 0) & (column >= 0)
+    rows, columns = [row[blocks]], [column[blocks]]
+    chords = None
+    if closed:
+        across = np.broadcast_to(unknowns[:, None, :], (elements, 3, UNKNOWNS))
+        down = np.broadcast_to(size + np.arange(3)[:, None], across.shape)
+        chords = across >= 0
+        corner = size + np.arange(3)  # a pivot is needed there, if only of zero
+        rows += [down[chords], across[chords], corner]
+        columns += [across[chords], down[chords], corner]
+    rows.append(np.arange(size))
+    columns.append(np.arange(size))
+    order = size + (3 if closed else 0)
+    keys, places = np.unique(np.concatenate(columns) * order + np.concatenate(rows), return_inverse=True)
+    column, row = np.divmod(keys, order)
+    starts = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=order))])
+    return _Pattern(
+        nodes, free, blocks, chords, places, ca.Sparsity(order, order, starts.tolist(), row.tolist())
     )
-    x = np.concatenate([q.ravel(), r.ravel(), omega.ravel()])
-    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
-    kind = boundary.kind
-
-    def fix(first: int, values: Array) -> None:
-        lower[first : first + len(values)] = upper[first : first + len(values)] = values
-        x[first : first + len(values)] = values
-
-    if kind.start_orientation:
-        fix(0, boundary.start_quaternion)
-    position = 4 * (segments + 1)
-    if kind.start_position:
-        fix(position, np.zeros(3))
-    if kind.end_position:
-        fix(position + 3 * segments, boundary.gap)
-    count = 7 * segments
-    lowest, highest = np.zeros(count + 4), np.zeros(count + 4)
-    if kind.start_orientation:  # the norm is then fixed with the quaternion itself
-        lowest[count], highest[count] = -np.inf, np.inf
-    if not kind.end_orientation:
-        lowest[count + 1 :], highest[count + 1 :] = -np.inf, np.inf
-    parameters = np.concatenate(
-        [
-            section.stiffness,
-            section.rest_curvature,
-            load,
-            boundary.start_force,
-            boundary.end_force,
-            boundary.end_quaternion,
-            [drag],
-            q.ravel(),
-        ]
-    )
-    answer = solver(x0=x, p=parameters, lbx=lower, ubx=upper, lbg=lowest, ubg=highest)
-    if not solver.stats()["success"]:
-        return None
-    x = np.asarray(answer["x"]).ravel()
-    frames = x[:position].reshape(-1, 4)
-    if kind.end_orientation and (frames[-1] @ boundary.end_quaternion) * (q[-1] @ boundary.end_quaternion) < 0:
-        return None
-    multipliers = np.asarray(answer["lam_g"]).ravel()[:count].reshape(segments, 7)
-    # the multiplier of r+ - r = chord is the force in the segment; extrapolated to s = 0 along the load
-    force = multipliers[0, 4:] + 0.5 * h * np.asarray(load)
-    places = x[position : position + 3 * (segments + 1)].reshape(-1, 3)
-    return ChainState(frames, places - places[0], x[position + 3 * (segments + 1) :].reshape(segments, 3), force)
 
 
-def settle(section: Section, load: Array, boundary: Boundary, q: Array, r: Array) -> ChainState | None:
-    """Let a chain sink through a viscous medium from the shape given to where it comes to rest.
+class Chain:
+    """The energy of one cable between two ends as a function of the quaternions of its nodes.
 
-    Implicit Euler steps of the overdamped motion, so the chain runs down its own valley of the energy and does not
-    jump to another, as :func:`relax` may; steps are bounded by how far a section turns in one.
+    Moments given at the ends are left out: dead moments have no energy.
 
     Args:
-        section, load, boundary, q, r: as in :func:`relax`.
-
-    Returns:
-        The chain at rest, or None where a step could not be solved.
+        section, load, boundary: the cable and its ends, dimensionless.
+        mesh: the elements' ends from 0 to 1, (n + 1,).
     """
-    drag = FIRST_DRAG * (1.0 + float(np.max(section.stiffness)))
-    for _ in range(MOST_SINKING):
-        state = relax(section, load, boundary, q, r, drag)
-        turned = np.inf if state is None else 2.0 * float(np.max(np.linalg.norm(state.q - q, axis=1)))
-        if state is None or turned > LONG_STEP:
-            drag *= 8.0
-            if drag > STUCK:
-                return None
-            continue
-        q, r = state.q, state.r
-        if turned < AT_REST and drag < 1.0:
-            return relax(section, load, boundary, q, r)
-        if turned < 0.5 * LONG_STEP:
-            drag *= 0.25
-    return None
+
+    def __init__(self, section: Section, load: Array, boundary: Boundary, mesh: Array):
+        self.section, self.load, self.boundary, self.mesh = section, load, boundary, mesh
+        kind, steps, count = boundary.kind, np.diff(mesh), len(mesh) - 1
+        self.closed = kind.start_position and kind.end_position
+        self._pattern = _pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
+        self._energy, self._expansion = _mapped(count)
+        self._rest = section.rest_curvature
+        self._parameters = (steps[None], mesh[None, :-1], section.stiffness, section.rest_curvature)
+        self.nodes = np.append((mesh[:-1, None] + steps[:, None] * NODES[:-1]).ravel(), 1.0)
+        self.points = (mesh[:-1, None] + steps[:, None] * gauss(DEGREE).nodes).ravel()
+        share = np.gradient(self.nodes)
+        share[[0, -1]] *= 0.5
+        self._weights = np.repeat(share[self._pattern.free], 3) * (1.0 + float(np.max(section.stiffness)))
+        self._loose_force = boundary.end_force if kind.start_position else -boundary.start_force - load
+
+    # -- what a descent asks for -------------------------------------------------------------------------------
+
+    @property
+    def constraints(self) -> int:
+        """Number of equations that hold the shape: 3 where both ends have positions, else 0."""
+        return 3 if self.closed else 0
+
+    @property
+    def sparsity(self) -> ca.Sparsity:
+        """Of the bordered Hessian."""
+        return self._pattern.sparsity
+
+    @property
+    def weights(self) -> Array:
+        """Diagonal of the metric: arc length times the largest stiffness, an entry an unknown."""
+        return self._weights
+
+    @property
+    def multipliers(self) -> Array:
+        """Multipliers that nothing is known about yet, (constraints,)."""
+        return np.zeros(self.constraints)
+
+    def force(self, multipliers: Array) -> Array:
+        """Return the internal force at the end of the cable, (3,): the multipliers, or what is given."""
+        return multipliers if self.closed else np.asarray(self._loose_force)
+
+    def _arguments(self, q: Array, force: Array) -> tuple[Any, ...]:
+        count = len(self.mesh) - 1
+        quaternions = q[self._pattern.nodes].reshape(count, -1).T
+        steps, starts, *shared = self._parameters
+        return quaternions, steps, starts, *(np.tile(x[:, None], count) for x in (*shared, force, self.load))
+
+    def _closure(self, chords: Array) -> Array:
+        return chords.sum(axis=1) - self.boundary.gap if self.closed else np.zeros(0)
+
+    def energy(self, q: Array) -> tuple[float, Array]:
+        """Return the energy, in B/L, of quaternions (m, 4), and by how much the constraints are missed (constraints,)."""
+        energies, chords = self._energy(*self._arguments(q, self.force(self.multipliers)))
+        return float(np.sum(np.asarray(energies))), self._closure(np.asarray(chords))
+
+    def expand(self, q: Array, multipliers: Array) -> Expansion:
+        """Return the energy less the multipliers' work to second order about ``q`` (m, 4)."""
+        p, count = self._pattern, len(self.mesh) - 1
+        force = self.force(multipliers)
+        chords, gradients, frames, omegas = (np.asarray(x) for x in self._expansion(*self._arguments(q, force)))
+        gradient = np.zeros((len(q), 3))
+        np.add.at(gradient, p.nodes, gradients.T.reshape(count, DEGREE + 1, 3))
+        shape = (count, DEGREE)
+        blocks, slopes = self._second(frames.T.reshape(*shape, 4), omegas.T.reshape(*shape, 3), force)
+        entries = [blocks[p.blocks]]
+        if p.chords is not None:
+            border = slopes[p.chords]
+            entries += [border, border, np.zeros(3)]
+        return Expansion(
+            gradient[p.free].ravel(), self._closure(chords), np.concatenate(entries), len(entries[0]), p.places,
+            p.sparsity, self._weights,
+        )  # fmt: skip
+
+    def _second(self, q: Array, omega: Array, force: Array) -> tuple[Array, Array]:
+        """Return the elements' Hessians (n, UNKNOWNS, UNKNOWNS) and derivatives of their chords (n, 3, UNKNOWNS).
+
+        Args:
+            q, omega: at the Gauss points, (n, DEGREE, 4 or 3).
+            force: at the end of the cable, (3,).
+        """
+        tableau, stiffness = gauss(DEGREE), self.section.stiffness
+        values, slopes = _lagrange(tableau.nodes)
+        steps, count = np.diff(self.mesh), len(q)
+        beyond = (1.0 - self.points).reshape(count, DEGREE, 1)
+        inner = rotations.rotate(rotations.conjugate(q), force + beyond * self.load)
+        spin, moment = rotations.cross_matrix(omega), rotations.cross_matrix(stiffness * (omega - self._rest))
+        turned = np.swapaxes(spin, -1, -2) * stiffness  # [omega]^T K
+        d3 = np.array([0.0, 0.0, 1.0])
+        across = inner[..., :, None] * d3
+        loads = inner[..., 2, None, None] * np.eye(3) - 0.5 * (across + np.swapaxes(across, -1, -2))
+        rate = turned + 0.5 * moment  # phi (.) phi'
+        twice = moment @ spin
+        plain = turned @ spin + 0.5 * (twice + np.swapaxes(twice, -1, -2)) + loads  # phi (.) phi
+        weights = tableau.weights
+
+        def integrated(field: Array, products: Array) -> Array:
+            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ products.reshape(DEGREE, -1)
+            blocks = summed.reshape(count, 3, 3, DEGREE + 1, DEGREE + 1).transpose(0, 3, 1, 4, 2)
+            return np.asarray(blocks.reshape(count, UNKNOWNS, UNKNOWNS))
+
+        mixed = integrated(rate, weights[:, None, None] * values[:, :, None] * slopes[:, None, :])
+        rigid = np.einsum("g,ga,gb,ij->aibj", weights, slopes, slopes, np.diag(stiffness)).reshape(UNKNOWNS, UNKNOWNS)
+        hessian = rigid / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
+        hessian += steps[:, None, None] * integrated(plain, weights[:, None, None] * values[:, :, None] * values[:, None, :])
+        lever = rotations.matrix(q) @ -rotations.cross_matrix(d3)  # R (phi x d3)
+        chords = np.einsum("e,ga,egci->ecai", steps, weights[:, None] * values, lever)
+        return hessian, chords.reshape(count, 3, UNKNOWNS)
+
+    def move(self, q: Array, step: Array) -> Array:
+        """Return ``q`` (m, 4) with its free nodes turned about their own axes by ``step`` (n,), rad."""
+        half = np.zeros((len(q), 4))
+        half[:, 0] = 1.0
+        half[self._pattern.free, 1:] = 0.5 * step.reshape(-1, 3)
+        return rotations.normalise(rotations.multiply(q, half))
+
+    def strained(self, q: Array) -> bool:
+        """Return whether an element is turned further than its polynomials can follow."""
+        nodes = q[self._pattern.nodes]
+        neighbours = np.sum(nodes[:, 1:] * nodes[:, :-1], axis=-1)
+        ends = np.sum(nodes[:, 1:] * nodes[:, :1], axis=-1)
+        return bool(np.min(neighbours) < np.cos(0.5 * NEIGHBOURS) or np.min(ends) < np.cos(0.5 * WHOLE))
+
+    # -- in and out --------------------------------------------------------------------------------------------
+
+    def sample(self, q: Array, s: Array) -> tuple[Array, Array]:
+        """Return quaternions (N, 4) and Darboux vectors (N, 3) at ``s`` (N,) of the shape with nodes ``q`` (m, 4)."""
+        element = np.clip(np.searchsorted(self.mesh, s, side="right") - 1, 0, len(self.mesh) - 2)
+        step = np.diff(self.mesh)[element]
+        values, slopes = _lagrange((s - self.mesh[element]) / step)
+        nodes = q[self._pattern.nodes[element]]
+        relative = rotations.multiply(rotations.conjugate(nodes[:, :1]), nodes)
+        sigmas = relative[..., 1:] / (1.0 + relative[..., :1])
+        sigma = np.einsum("mj,mjc->mc", values, sigmas)
+        rate = np.einsum("mj,mjc->mc", slopes, sigmas) / step[:, None]
+        square = np.sum(sigma * sigma, axis=1, keepdims=True)
+        omega = (1.0 - square) * rate - 2.0 * rotations.cross(sigma, rate)
+        omega += 2.0 * np.sum(sigma * rate, axis=1, keepdims=True) * sigma
+        turned = np.concatenate([1.0 - square, 2.0 * sigma], axis=1) / (1.0 + square)
+        return rotations.multiply(nodes[:, 0], turned), 4.0 * omega / (1.0 + square) ** 2
+
+    def held(self, q: Array) -> Array:
+        """Return ``q`` (m, 4) with the quaternions of clamped ends put in, of the sign that is nearer."""
+        q, kind = q.copy(), self.boundary.kind
+        if kind.start_orientation:
+            q[0] = self.boundary.start_quaternion * np.sign(self.boundary.start_quaternion @ q[0] or 1.0)
+        if kind.end_orientation:
+            q[-1] = self.boundary.end_quaternion * np.sign(self.boundary.end_quaternion @ q[-1] or 1.0)
+        return q

@@ -1,0 +1,196 @@
+"""Letting a cable go: down its energy to rest, on elements that fit what it holds on the way, then solved accurately."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import rotations
+from .boundary import Boundary, Case
+from .continuation import ELEMENTS, STAGES, Solved, error_estimate, follow, solve_on, turning
+from .rotations import Array
+from .solvers.descent import FIRST_SHIFT, Ended, descend
+from .transcriptions.chain import Chain
+from .transcriptions.collocation import pack, stations
+
+TURNING, BENDING = 1.2, 0.8  # rad an element; root of the rad by which its curvature changes the turning
+LOOSE = 1.6  # how far a chain may miss that at rest
+SPREAD, GROWTH = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
+SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: of a cable that sinks gently, of one that only looks for rest
+WORK = 60_000  # elements times steps that a descent may take: some seconds
+WARM_SHIFT = 1e-3  # first shift of a descent that goes on from rest
+TIGHTEN = 2.0  # factor by which a march makes a cable tauter
+LEAST_TIGHTEN = 1.1
+FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
+RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
+SOLVE_ITERATIONS = 25  # the chain is right to a per mille: what needs more does not converge
+REFINEMENTS = (1, 2, 4)  # collocation elements tried for one of the chain
+
+
+@dataclass(frozen=True)
+class Resting:
+    """A chain at a minimum of its energy.
+
+    Args:
+        chain: its energy.
+        q: quaternions of the nodes, (m, 4).
+        multipliers: of its constraints.
+    """
+
+    chain: Chain
+    q: Array
+    multipliers: Array
+
+
+def sink(case: Case, s: Array, q: Array, force: Array, *, gently: bool) -> Resting | None:
+    """Let a cable go from a shape to a minimum of its energy nearby; None where none was reached.
+
+    Moments given at the ends are left out.
+
+    Args:
+        case: the cable and what holds it.
+        s, q: arc lengths (m,) and quaternions (m, 4) of the shape, close enough for a straight look between them.
+        force: guess of the internal force at the end, (3,).
+        gently: in short steps, as a real cable sinks through a viscous medium; else in long ones.
+    """
+    spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
+    middles = 0.5 * (s[1:] + s[:-1])
+    mesh = _fitted(middles, np.linalg.norm(spin, axis=1) / np.diff(s) / TURNING)
+    chain = Chain(case.section, case.load, case.boundary, mesh)
+    nodes = chain.held(_between(s, q, chain.nodes))
+    multipliers = force if chain.closed else chain.multipliers
+    return _rest(chain, nodes, multipliers, FIRST_SHIFT, SMALL_STEP if gently else LONG_STEP)
+
+
+def _between(s: Array, q: Array, wanted: Array) -> Array:
+    """Return quaternions (N, 4) at ``wanted`` (N,), turned evenly between those (m, 4) at ``s`` (m,)."""
+    i = np.clip(np.searchsorted(s, wanted, side="right") - 1, 0, len(s) - 2)
+    part = (wanted - s[i]) / (s[i + 1] - s[i])
+    turn = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[i]), q[i + 1]))
+    return rotations.multiply(q[i], rotations.from_rotation_vector(part[:, None] * turn))
+
+
+def _fitted(s: Array, density: Array) -> Array:
+    """Return a mesh, of a size on offer, as dense as ``density`` (m,), elements per length, asks for at ``s`` (m,).
+
+    Lengths change gradually, and what is dense stays dense for some elements on either side: curls slide.
+    """
+    fine = np.unique(np.concatenate([s, np.linspace(0.0, 1.0, 8 * ELEMENTS[0] + 1)]))
+    size = 1.0 / np.maximum(np.interp(fine, s, density), ELEMENTS[0])
+    apart = np.abs(fine[:, None] - fine)
+    size = np.min(size + GROWTH * np.maximum(0.0, apart - SPREAD * size), axis=1)
+    run = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 2.0 / (size[1:] + size[:-1]))])
+    count = next((n for n in ELEMENTS if n >= run[-1]), ELEMENTS[-1])
+    return np.interp(np.linspace(0.0, run[-1], count + 1), run, fine)
+
+
+def _density(omega: Array, s: Array) -> Array:
+    """Return the elements per length (m,) that a shape with Darboux vectors (m, 3) at ``s`` (m,) needs."""
+    change = np.linalg.norm(np.diff(omega, axis=0), axis=1) / np.diff(s)
+    nearby = np.maximum(np.append(change, 0.0), np.append(0.0, change))
+    return np.maximum(np.linalg.norm(omega, axis=1) / TURNING, np.sqrt(nearby) / BENDING)
+
+
+def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: float) -> Resting | None:
+    """Descend on ``chain``, and on others made to fit, until one that fits is at rest; None where that fails."""
+    work = WORK
+    room = _slack(chain.boundary) if chain.closed else 1.0
+    while True:
+        elements = len(chain.mesh) - 1
+        found = descend(
+            chain, q, multipliers, longest=longest, steps=max(1, work // elements), shift=shift, room=room
+        )  # fmt: skip
+        q, multipliers = found.q, found.multipliers
+        if found.ended in (Ended.STUCK, Ended.UNFINISHED):
+            return None
+        work -= elements * max(1, found.steps)
+        omega = chain.sample(q, chain.points)[1]
+        if found.ended is Ended.STRAINED:  # on the way down only what turns far needs elements
+            density = np.linalg.norm(omega, axis=1) / TURNING
+        else:
+            density = _density(omega, chain.points)
+            lengths = np.repeat(np.diff(chain.mesh), len(chain.points) // elements)
+            if np.max(density * lengths) <= LOOSE or (elements == ELEMENTS[-1] and shift == WARM_SHIFT):
+                return Resting(chain, q, multipliers)
+        mesh = _fitted(chain.points, density)
+        finer = Chain(chain.section, chain.load, chain.boundary, mesh)
+        q = finer.held(chain.sample(q, finer.nodes)[0])
+        shift = FIRST_SHIFT if found.ended is Ended.STRAINED else WARM_SHIFT
+        if work <= 0:
+            return None
+        chain = finer
+
+
+def _slack(boundary: Boundary) -> float:
+    return 1.0 - float(np.linalg.norm(boundary.gap))
+
+
+def tighten(case: Case, resting: Resting) -> Resting | None:
+    """Take a cable at rest to the shorter slack of ``case``, from minimum to minimum; None where it gets lost.
+
+    A taut cable is straight but for clamp layers and curls as long as its slack, and its tension goes with the inverse
+    square of it: so what is bent is shrunk with every step, which leaves hardly anything to solve.
+    """
+    wanted, factor = _slack(case.boundary), TIGHTEN
+    direction = case.boundary.gap / np.linalg.norm(case.boundary.gap)
+    slack = _slack(resting.chain.boundary)
+    while slack > wanted * (1.0 + 1e-9):
+        step = min(factor, slack / wanted)
+        gap = case.boundary.gap if step == slack / wanted else (1.0 - slack / step) * direction
+        boundary = dataclasses.replace(resting.chain.boundary, gap=gap)
+        chain = Chain(case.section, case.load, boundary, _shrunk(resting, step))
+        found = _rest(chain, resting.q, resting.multipliers * step**2, WARM_SHIFT, SMALL_STEP)
+        if found is None:
+            factor = np.sqrt(factor)
+            if factor < LEAST_TIGHTEN:
+                return None
+            continue
+        resting, slack = found, slack / step
+    return resting
+
+
+def _shrunk(resting: Resting, factor: float) -> Array:
+    """Return the mesh of a chain with its bent elements shorter by ``factor`` and its straight ones longer."""
+    chain = resting.chain
+    steps = np.diff(chain.mesh)
+    bending = np.linalg.norm(chain.sample(resting.q, chain.points)[1][:, :2], axis=1)
+    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (0.1 * TURNING), 0.0, 1.0)
+    steps, straight = steps * (1.0 - (1.0 - 1.0 / factor) * bent), steps * (1.0 - bent)
+    if np.sum(straight) > 0.0:
+        steps = steps + (1.0 - np.sum(steps)) * straight / np.sum(straight)
+    run = np.concatenate([[0.0], np.cumsum(steps)])
+    return run / run[-1]
+
+
+def solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
+    """Solve ``case`` accurately from a chain at rest; None where what comes out is not its shape."""
+    chain = resting.chain
+    boundary = dataclasses.replace(chain.boundary, gap=case.boundary.gap)  # with the signs of its quaternions
+    case = dataclasses.replace(case, boundary=boundary)
+    still = dataclasses.replace(boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
+    without_moments = dataclasses.replace(case, boundary=still)
+    force = chain.force(resting.multipliers) + case.load
+    fitted = _fitted(chain.points, _density(chain.sample(resting.q, chain.points)[1], chain.points))
+    count = len(fitted) - 1
+    for finer in REFINEMENTS:
+        elements = next((n for n in ELEMENTS if n >= finer * count), None)
+        if elements is None:
+            return None
+        mesh = np.interp(np.linspace(0.0, count, elements + 1), np.arange(count + 1.0), fitted)
+        q, omega = chain.sample(resting.q, stations(mesh, STAGES))
+        moment = rotations.rotate(q, case.section.stiffness * (omega - case.section.rest_curvature))
+        x = pack(q, moment, force, STAGES)
+        solved = solve_on(without_moments, mesh, x, solver, SOLVE_ITERATIONS)
+        if not solved.ok or solved.turned or not error_estimate(solved)[0] < RESOLVED:
+            continue
+        if turning(solved.rod.sample(chain.nodes).q, resting.q) < FAITHFUL:
+            break
+    else:
+        return None
+    if np.any(boundary.start_moment) or np.any(boundary.end_moment):
+        solved, reached = follow(lambda t: without_moments.blend(case, t), solved, 0.0, 1.0, solver)
+        if reached < 1.0:
+            return None
+    return solved

@@ -1,0 +1,183 @@
+"""Going down an energy under a few constraints, in steps short enough to stay in its own valley.
+
+Newton's method with a shift, on the manifold that the constraints leave: a step solves
+
+    [H + shift W, A^T; A, 0] [step; -change of multipliers] = [-gradient; -constraint],
+
+is taken only where H + shift W is positive on what the constraints leave, which the inertia of the bordered matrix
+tells (Nocedal and Wright, "Numerical Optimization", theorem 16.3), where it is short, and where the energy falls as
+it should. A long shift makes it a step of implicit Euler through a viscous medium, none makes it Newton's; so the end
+is a minimum, not a saddle. Steps go back onto the constraints by the same matrix (second-order correction, section
+18.3).
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from .interface import Array, Landscape
+
+FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
+LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
+AT_REST_SHIFT = 1e-5  # a medium that resists less than this hides no way down
+AT_REST_STEP, AT_REST_ENERGY = 1e-2, 1e-10  # rad; relative: what is left to gain in a last step
+SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
+ON = 1e-6  # constraints are held to this, or to CLOSE of the least room that they leave
+CLOSE = 1e-5
+CORRECTIONS, WAYS_BACK = 8, 30  # steps back onto the constraints: from a step, from a first guess
+STRAINS = 3  # steps that may be shortened because they would strain the landscape, until it is given back
+
+
+class Ended(enum.Enum):
+    """How a descent ended."""
+
+    AT_REST = enum.auto()
+    STRAINED = enum.auto()  # go on from here on a finer landscape
+    UNFINISHED = enum.auto()
+    STUCK = enum.auto()
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a descent ended: the point, the multipliers (c,), how, and after how many steps."""
+
+    q: Array
+    multipliers: Array
+    ended: Ended
+    steps: int
+
+
+class _Walker:
+    """A descent under way; arguments as :func:`descend`."""
+
+    def __init__(self, landscape: Landscape, q: Array, multipliers: Array, shift: float, longest: float, room: float):
+        self.landscape, self.q, self.multipliers = landscape, q, multipliers
+        self.shift, self.longest, self.strains = shift, longest, 0
+        self.on = min(ON, CLOSE * room)
+        self.linear = ca.Linsol("bordered", "ldl", landscape.sparsity)
+
+    def solve(self, upper: Array, lower: Array) -> tuple[Array, Array]:
+        x = np.asarray(self.linear.solve(self.matrix, ca.DM(np.concatenate([upper, lower])))).ravel()
+        return x[: len(upper)], x[len(upper) :]
+
+    def factorise(self, matrix: ca.DM) -> None:
+        self.matrix = matrix
+        self.linear.nfact(matrix)
+
+    def come_back(self) -> bool:
+        """Bring a first guess onto the constraints, by the shortest way in the metric."""
+        for _ in range(WAYS_BACK):
+            here = self.landscape.expand(self.q, self.multipliers)
+            if not np.all(np.isfinite(here.constraint)):
+                return False
+            if np.linalg.norm(here.constraint) <= self.on:
+                return True
+            self.factorise(here.bordered(1.0, flat=True))
+            step, _ = self.solve(np.zeros_like(here.gradient), -here.constraint)
+            if not np.all(np.isfinite(step)):
+                return False
+            self.q = self.landscape.move(self.q, step * min(1.0, self.longest / max(float(np.max(np.abs(step))), 1e-300)))
+        return False
+
+    def corrected(self, q: Array) -> Array | None:
+        """Return ``q`` brought back onto the constraints by the matrix of the step; None where it does not get nearer."""
+        missed = np.inf
+        for _ in range(CORRECTIONS):
+            constraint = self.landscape.energy(q)[1]
+            size = float(np.linalg.norm(constraint))
+            if size <= self.on:
+                return q
+            if not size < 0.7 * missed:
+                return None
+            missed = size
+            step, _ = self.solve(np.zeros(self.linear.sparsity().size1() - len(constraint)), -constraint)
+            largest = float(np.max(np.abs(step)))
+            if not np.isfinite(largest):
+                return None
+            q = self.landscape.move(q, step * min(1.0, self.longest / max(largest, 1e-300)))
+        return None
+
+    def advance(self) -> Ended | None:
+        """Take one step, with as much of a shift as it needs; return how the descent ended, or None to go on."""
+        here = self.landscape.expand(self.q, self.multipliers)
+        energy, missed = self.landscape.energy(self.q)
+        while self.shift <= MOST_SHIFT:
+            self.factorise(here.bordered(self.shift))
+            if self.linear.neig(self.matrix) != self.landscape.constraints:
+                self._stiffen(4.0)
+                continue
+            step, change = self.solve(-here.gradient, -here.constraint)
+            size = float(np.max(np.linalg.norm(step.reshape(-1, 3), axis=1)))
+            if not np.isfinite(size):
+                self._stiffen(4.0)
+                continue
+            if size > self.longest:
+                self._stiffen(float(np.clip(size / self.longest, 1.5, 8.0)))
+                continue
+            multipliers = self.multipliers - change
+            predicted = 0.5 * float(-here.gradient @ step + self.shift * (here.weights @ step**2))
+            gain = abs(predicted) / (1.0 + abs(energy))
+            if size < AT_REST_STEP and gain < AT_REST_ENERGY and self.shift <= AT_REST_SHIFT:
+                self.q, self.multipliers = self.landscape.move(self.q, step), multipliers
+                return Ended.AT_REST
+            trial = self.corrected(self.landscape.move(self.q, step))
+            if trial is not None and self.landscape.strained(trial):
+                self.strains += 1
+                if self.strains > STRAINS:
+                    return Ended.STRAINED
+                trial = None
+            if trial is not None:
+                there, left = self.landscape.energy(trial)
+                # the multipliers take what is left of the constraints out of both
+                fall = (energy - multipliers @ missed) - (there - multipliers @ left)
+                rounding = 1e-13 * (1.0 + abs(energy) + float(np.linalg.norm(multipliers)))
+                if fall >= SUFFICIENT * predicted - rounding:
+                    self.q, self.multipliers = trial, multipliers
+                    self._relent(1.0 if abs(fall - predicted) <= rounding else fall / predicted, size)
+                    return None
+            self._stiffen(4.0)
+        return Ended.STUCK
+
+    def _stiffen(self, factor: float) -> None:
+        self.shift = max(factor * self.shift, 1e-8)
+
+    def _relent(self, ratio: float, size: float) -> None:
+        if ratio < POOR:
+            self.shift *= 3.0
+        elif ratio > GOOD:
+            self.shift *= 0.5 if size > 0.5 * self.longest else 0.15 if size > AT_REST_STEP else 0.02
+        self.shift = max(self.shift, LEAST_SHIFT)
+
+
+def descend(  # noqa: PLR0913
+    landscape: Landscape,
+    q: Array,
+    multipliers: Array,
+    *,
+    longest: float,
+    steps: int,
+    shift: float = FIRST_SHIFT,
+    room: float = 1.0,
+) -> Descent:
+    """Go down to a minimum of the energy; never raises for lack of convergence.
+
+    Args:
+        landscape: the energy and its constraints.
+        q, multipliers: the first guess; it is brought onto the constraints first.
+        longest: largest part (of three entries) of a step.
+        steps: limit.
+        shift: of the first step, in the metric.
+        room: how little the constraints leave free; they are held to a small part of it.
+    """
+    walker = _Walker(landscape, q, multipliers, shift, longest, room)
+    if not walker.come_back():
+        return Descent(walker.q, walker.multipliers, Ended.STUCK, 0)
+    for taken in range(1, steps + 1):
+        ended = walker.advance()
+        if ended is not None:
+            return Descent(walker.q, walker.multipliers, ended, taken)
+    return Descent(walker.q, walker.multipliers, Ended.UNFINISHED, steps)
