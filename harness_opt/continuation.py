@@ -89,9 +89,16 @@ class Solved:
         return factorise(self.bound.linearise(self.solution.x)[1])
 
     @property
-    def benign(self) -> bool:
-        """Whether the solver left a factorised Jacobian that serves nearby too."""
-        return self.solution.factor is not None and self.solution.factor.benign
+    def lasting(self) -> Factor | None:
+        """A factorised Jacobian that serves for cases nearby too; None where there is none.
+
+        Where the last one of the solver does not, the one at the solution may: of a shape that may turn freely it
+        leaves that turn out.
+        """
+        last = self.solution.factor
+        if last is None or last.benign:
+            return last
+        return self.factor if self.factor.benign else None
 
     @property
     def turned(self) -> bool:
@@ -126,7 +133,7 @@ def solve_on(
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
     # rounding grows with the loads that the moment equations carry
     tolerance = residual * math.sqrt(_load_scale(case.load, x[-3:]))
-    factor = near.solution.factor if near is not None and near.benign and near.solution.x.shape == x.shape else None
+    factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     solution = SOLVERS[solver](bound.least_squares(), x, Options(tolerance, iterations, factor=factor))
     return Solved(case, bound, solution)
 
@@ -158,13 +165,24 @@ def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple
         return np.inf, local
     residual = np.zeros(solved.bound.transcription.size)
     blocks = residual[4 : 4 + n * (4 * s + 7)].reshape(n, 4 * s + 7)
-    blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :] = dq, dm
+    turns, moments = blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :]
+    # a jump in the middle of an element is half a jump at either end, up to the square of the element's length
     kind = solved.case.boundary.kind
+    turns += 0.5 * dq
+    moments += 0.5 * dm
+    turns[:-1] += 0.5 * dq[1:]
+    moments[:-1] += 0.5 * dm[1:]
+    if kind.start_orientation:
+        residual[:4] = 0.5 * dq[0]
+    else:
+        residual[1:4] = 0.5 * dm[0]
     if kind.start_position and kind.end_position:
         residual[4 + n * (4 * s + 7) :][:3] = -dr.sum(axis=0)
     factor = solved.solution.factor or solved.factor  # that of the last iteration is good enough for an estimate
     x = solved.solution.x
-    dx = factor.solve(np.stack([residual, solved.bound.residual(x)], axis=1))
+    # where the shape may turn freely, what is left of the equations turns it
+    left = solved.bound.residual(x) if factor.benign else np.zeros_like(x)
+    dx = factor.solve(np.stack([residual, left], axis=1))
     moved = solved.bound.centreline_rates(x, dx)[1][:: s + 1]
     # the centreline's own local errors add to those that come from the frames
     moved[1:, :, 0] += np.cumsum(dr, axis=0)
@@ -233,11 +251,11 @@ def _trail(here: Solved, before: Solved | None) -> Trail:
     Two where the shape may turn freely, or it is not known whether: no solve corrects what a higher degree would make
     of the rounding in that direction.
     """
-    x = here.solution.x
+    x, factor = here.solution.x, here.solution.factor
     if before is None or before.solution.x.shape != x.shape:
         return Trail((x,))
-    trail = here.trail
-    if trail is not None and here.benign and len(trail.points) > 1 and trail.points[1] is before.solution.x:
+    trail, regular = here.trail, factor is not None and factor.benign and not factor.singular
+    if trail is not None and len(trail.points) > 1 and trail.points[1] is before.solution.x and regular:
         return trail
     return Trail((x, before.solution.x), (1.0,), 1)
 

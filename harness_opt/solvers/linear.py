@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 # look singular.
 CONDITION_LIMIT = 1e9
 # Below this one a factor serves for problems nearby too. Of a shape that may turn freely the Jacobian is singular at
-# the solution alone: off it, and that is where it is factorised, the condition number is anything from 5e4 up.
+# the solution alone: off it, and that is where it is mostly factorised, the condition number is anything from 5e4 up.
 BENIGN = 1e6
 RANK_TOLERANCE = 1e-11  # singular values below this fraction of the largest count as zero
 
@@ -36,7 +36,7 @@ class Factor:
         jacobian: (m, n).
         lu: SuperLU object of the Jacobian, or of the Jacobian bordered by its null vectors; None for a dense solve.
         bordered: which of the two.
-        condition: estimate of the Jacobian's condition number.
+        condition: estimate of the condition number of the matrix that ``lu`` factorises.
     """
 
     jacobian: sp.csc_array
@@ -51,7 +51,7 @@ class Factor:
 
     @property
     def benign(self) -> bool:
-        """True where the Jacobian is far from singular, so that it serves for problems nearby."""
+        """True where what was factorised is far from singular, so that it serves for problems nearby."""
         return self.condition < BENIGN
 
     def solve(self, b: Array) -> Array:
@@ -78,15 +78,16 @@ def factorise(jacobian: sp.csc_array) -> Factor:
     if lu is None:
         return Factor(jacobian, None)
     condition, right = _condition(jacobian, lu, "T", "N")
-    if condition < CONDITION_LIMIT or _scaled_condition(jacobian) < CONDITION_LIMIT:
-        return Factor(jacobian, lu, condition=condition)
+    scaled = condition if condition < BENIGN else min(condition, _scaled_condition(jacobian))
+    if scaled < CONDITION_LIMIT:
+        return Factor(jacobian, lu, condition=scaled)
     if np.isfinite(condition):
         left = _condition(jacobian, lu, "N", "T")[1]
         size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
         border = sp.block_array([[jacobian, size * left[:, None]], [size * right[None, :], None]], format="csc")
         bordered = _lu(border)
-        if bordered is not None and _scaled_condition(border) < CONDITION_LIMIT:
-            return Factor(jacobian, bordered, bordered=True)
+        if bordered is not None and (scaled := _scaled_condition(border)) < CONDITION_LIMIT:
+            return Factor(jacobian, bordered, bordered=True, condition=scaled)
     return Factor(jacobian, None)
 
 
