@@ -131,11 +131,15 @@ class Case:
 
         q and -q are one orientation; along a cable and a motion the sign carries the parity of the whole turns.
         """
-        signed = {}
-        for name, near in (("start_quaternion", start), ("end_quaternion", end)):
-            q = getattr(self.boundary, name)
-            signed[name] = q if q @ near >= 0 else -q
-        return dataclasses.replace(self, boundary=dataclasses.replace(self.boundary, **signed))
+        first, last = self.boundary.start_quaternion, self.boundary.end_quaternion
+        if first @ start >= 0 and last @ end >= 0:
+            return self
+        boundary = dataclasses.replace(
+            self.boundary,
+            start_quaternion=first if first @ start >= 0 else -first,
+            end_quaternion=last if last @ end >= 0 else -last,
+        )
+        return dataclasses.replace(self, boundary=boundary)
 
     def blend(self, other: Case, fraction: float) -> Case:
         """Return the case ``fraction`` of the way to ``other``; stiffness ratios and a growing load change

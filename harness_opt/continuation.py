@@ -1,13 +1,16 @@
 """Solving near a known shape: one accurate solve, and following a path of cases with step control.
 
-A shape is carried from case to case by a secant predictor and the solver's corrections. A step is taken only where
-the corrected shape stays near the predicted one and the end keeps its sign, that is its number of whole turns;
-otherwise it is halved. Deuflhard, "Newton Methods for Nonlinear Problems", chapter 5.
+A shape is carried from case to case by extrapolation of the last ones and the solver's corrections, which begin with
+the Jacobian factorised for the last shape. A step is taken only where the corrected shape stays near the predicted one
+and the end keeps its sign, that is its number of whole turns; otherwise it is halved. Deuflhard, "Newton Methods for
+Nonlinear Problems", chapter 5.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,6 +18,7 @@ import numpy as np
 
 from .boundary import Case
 from .errors import Status
+from .extrapolation import Trail
 from .rotations import Array
 from .shape import Rod
 from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper
@@ -43,6 +47,7 @@ ELEMENTS = (
     256,
 )  # meshes on offer; a function is built once for each
 RESIDUAL = 1e-11  # of the scaled equations
+PATH_RESIDUAL = 1e-10  # the same on a path: 2e-10 L off a solve to the last digit, over the reference cases' motions
 STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
 NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
 SMALLEST_STEP = 2.0**-12  # of a path step
@@ -59,11 +64,13 @@ class Solved:
         case: what was solved.
         bound: its equations.
         solution: the solver's answer.
+        trail: the solves that led here by :func:`step`, this one first; None where it was found otherwise.
     """
 
     case: Case
     bound: BoundCollocation
     solution: Solution
+    trail: Trail | None = None
 
     @property
     def ok(self) -> bool:
@@ -82,24 +89,52 @@ class Solved:
         return factorise(self.bound.linearise(self.solution.x)[1])
 
     @property
+    def lasting(self) -> Factor | None:
+        """A factorised Jacobian that serves for cases nearby too; None where there is none.
+
+        Where the last one of the solver does not, the one at the solution may: of a shape that may turn freely it
+        leaves that turn out.
+        """
+        last = self.solution.factor
+        if last is None or last.benign:
+            return last
+        return self.factor if self.factor.benign else None
+
+    @property
     def turned(self) -> bool:
         """Whether the end came out with the opposite sign: an odd number of whole turns away from the one asked for."""
         boundary = self.case.boundary
-        return boundary.kind.end_orientation and float(self.rod.q[-1] @ boundary.end_quaternion) < 0.0
+        last = self.bound.quaternions(self.solution.x)[-1]
+        return boundary.kind.end_orientation and float(last @ boundary.end_quaternion) < 0.0
 
 
 def _load_scale(load: Array, force: Array) -> float:
-    return 1.0 + float(np.linalg.norm(load)) + float(np.linalg.norm(force))
+    return 1.0 + math.sqrt(load @ load) + math.sqrt(force @ force)
 
 
-def solve_on(case: Case, mesh: Array, x: Array, solver: str, iterations: int = 60) -> Solved:
-    """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended."""
-    bound = collocation(len(mesh) - 1, STAGES, bool(np.any(case.load))).bind(
-        case.section, case.load, case.boundary, mesh
-    )
+def solve_on(
+    case: Case,
+    mesh: Array,
+    x: Array,
+    solver: str,
+    iterations: int = 60,
+    near: Solved | None = None,
+    residual: float = RESIDUAL,
+) -> Solved:
+    """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended.
+
+    Args:
+        case, mesh, x: as above.
+        solver: name.
+        iterations: limit.
+        near: solve of a like case, whose factorised Jacobian may serve.
+        residual: largest entry of the scaled equations that counts as solved.
+    """
+    bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
     # rounding grows with the loads that the moment equations carry
-    tolerance = RESIDUAL * np.sqrt(_load_scale(case.load, x[-3:]))
-    solution = SOLVERS[solver](bound.least_squares(), x, Options(tolerance, iterations))
+    tolerance = residual * math.sqrt(_load_scale(case.load, x[-3:]))
+    factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
+    solution = SOLVERS[solver](bound.least_squares(), x, Options(tolerance, iterations, factor=factor))
     return Solved(case, bound, solution)
 
 
@@ -113,7 +148,7 @@ def error_estimate(solved: Solved) -> tuple[float, Array]:
     """Return the estimated error of the centreline, in L, and each element's own contribution (n,).
 
     The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
-    estimate is of the global error and needs no second solve.
+    estimate is of the global error and needs no second solve. What the solver left of the equations counts too.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         defects = solved.rod.defects()
@@ -130,16 +165,28 @@ def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple
         return np.inf, local
     residual = np.zeros(solved.bound.transcription.size)
     blocks = residual[4 : 4 + n * (4 * s + 7)].reshape(n, 4 * s + 7)
-    blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :] = dq, dm
+    turns, moments = blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :]
+    # a jump in the middle of an element is half a jump at either end, up to the square of the element's length
     kind = solved.case.boundary.kind
+    turns += 0.5 * dq
+    moments += 0.5 * dm
+    turns[:-1] += 0.5 * dq[1:]
+    moments[:-1] += 0.5 * dm[1:]
+    if kind.start_orientation:
+        residual[:4] = 0.5 * dq[0]
+    else:
+        residual[1:4] = 0.5 * dm[0]
     if kind.start_position and kind.end_position:
         residual[4 + n * (4 * s + 7) :][:3] = -dr.sum(axis=0)
     factor = solved.solution.factor or solved.factor  # that of the last iteration is good enough for an estimate
-    dx = factor.solve(residual)
-    moved = solved.bound.centreline_rates(solved.solution.x, dx[:, None])[1][:: s + 1, :, 0]
+    x = solved.solution.x
+    # where the shape may turn freely, what is left of the equations turns it
+    left = solved.bound.residual(x) if factor.benign else np.zeros_like(x)
+    dx = factor.solve(np.stack([residual, left], axis=1))
+    moved = solved.bound.centreline_rates(x, dx)[1][:: s + 1]
     # the centreline's own local errors add to those that come from the frames
-    moved = moved + np.vstack([np.zeros(3), np.cumsum(dr, axis=0)])
-    return float(np.max(np.linalg.norm(moved, axis=-1))), local
+    moved[1:, :, 0] += np.cumsum(dr, axis=0)
+    return float(np.linalg.norm(moved, axis=1).max(axis=0).sum()), local
 
 
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
@@ -160,6 +207,22 @@ def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     return np.interp(np.linspace(0.0, run[-1], elements + 1), run, mesh)
 
 
+def finer_mesh(mesh: Array, local: Array, excess: float) -> Array | None:
+    """Return the mesh on offer on which the error would be ``excess`` times smaller, or one of twice the elements.
+
+    Args:
+        mesh, local: nodes (n + 1,) and local errors (n,).
+        excess: error over tolerance.
+
+    Returns:
+        None where no finer one is on offer.
+    """
+    n = len(mesh) - 1
+    wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
+    finer = next((m for m in ELEMENTS if m >= wanted and m > n), None)
+    return None if finer is None else refined_mesh(mesh, local, finer)
+
+
 def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float, Status]:
     """Refine the mesh of a solved case until its estimated error is at most ``tolerance`` (in L).
 
@@ -168,12 +231,9 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
     """
     error, local = error_estimate(solved)
     while error > tolerance:
-        n = len(solved.rod.mesh) - 1
-        wanted = 2 * n if not np.isfinite(error) else n * min(2.0, 1.15 * (error / tolerance) ** (0.5 / STAGES))
-        finer = [m for m in ELEMENTS if m >= wanted and m > n]
-        if not finer:
+        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance)
+        if mesh is None:
             return solved, error, Status.INACCURATE
-        mesh = refined_mesh(solved.rod.mesh, local, finer[0])
         x = resample(solved.rod, mesh)
         if not np.all(np.isfinite(x)):
             return solved, error, Status.INACCURATE
@@ -185,10 +245,19 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
     return solved, error, Status.OK
 
 
-def _predict(before: Solved | None, here: Solved, ratio: float) -> Array:
-    if before is None or before.solution.x.shape != here.solution.x.shape:
-        return here.solution.x
-    return here.solution.x + ratio * (here.solution.x - before.solution.x)
+def _trail(here: Solved, before: Solved | None) -> Trail:
+    """Return the points to extrapolate from: all that led ``here``, where ``before`` is the last of them.
+
+    Two where the shape may turn freely, or it is not known whether: no solve corrects what a higher degree would make
+    of the rounding in that direction.
+    """
+    x, factor = here.solution.x, here.solution.factor
+    if before is None or before.solution.x.shape != x.shape:
+        return Trail((x,))
+    trail, regular = here.trail, factor is not None and factor.benign and not factor.singular
+    if trail is not None and len(trail.points) > 1 and trail.points[1] is before.solution.x and regular:
+        return trail
+    return Trail((x, before.solution.x), (1.0,), 1)
 
 
 def turning(a: Array, b: Array) -> float:
@@ -202,14 +271,21 @@ def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: 
     Args:
         case: where to.
         here, before: the last two solves; ``before`` may be None.
-        ratio: this step's length over the last one's, for the secant predictor.
+        ratio: this step's length over the last one's, for the predictor.
         solver: name.
     """
-    guess = _predict(before, here, ratio)
-    solved = solve_on(case, here.bound.mesh, guess, solver, STEP_ITERATIONS)
-    if not solved.ok or solved.turned or turning(solved.bound.unpack(guess).q, solved.rod.q) > NEAR:
+    trail = _trail(here, before)
+    length = ratio * trail.steps[0] if trail.steps else 1.0
+    predictions = trail.predictions(length)
+    guess = predictions[trail.degree]
+    residual = RESIDUAL if before is None else PATH_RESIDUAL
+    solved = solve_on(case, here.bound.mesh, guess, solver, STEP_ITERATIONS, here, residual)
+    if not solved.ok or solved.turned:
         return None
-    return solved
+    x, quaternions = solved.solution.x, solved.bound.quaternions
+    if turning(quaternions(guess), quaternions(x)) > NEAR:
+        return None
+    return dataclasses.replace(solved, trail=trail.extended(x, length, predictions))
 
 
 def follow(

@@ -132,13 +132,11 @@ def _reasons(problem: Problem) -> list[Json]:
     why = {
         "weight": "gravity is zero or not given" if heavy else "no cable has a density or mass_per_length",
         "parts": "there are none to stay clear of",
+        "clearance of cables to each other and to themselves": "limits.clearance is not given",
         "other cables": "there is only one",
         "motion": "no body moves, so that one frame is solved",
     }
     reasons = [{"what": what, "why": why[what]} for what in left_out(problem)]
-    if problem.limits.clearance is None:
-        words = "limits.clearance is not given"
-        reasons.append({"what": "clearance of cables to each other and to themselves", "why": words})
     unlimited = [name for name in problem.parts if problem.clearance_limit(name) is None]
     if unlimited:
         what = f"a limit for {', '.join(unlimited)}"

@@ -87,6 +87,8 @@ def left_out(problem: Problem) -> tuple[str, ...]:
         words.append("weight")
     if not problem.parts:
         words.append("parts")
+    if problem.limits.clearance is None:
+        words.append("clearance of cables to each other and to themselves")
     if len(problem.cables) == 1:
         words.append("other cables")
     if not problem.moves:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from . import rod as rod_module
-from .continuation import ELEMENTS, Solved, error_from_defects, refined_mesh, resample, solve_on
+from .continuation import Solved, error_from_defects, finer_mesh, resample, solve_on
 from .errors import Status
 from .following import Follower, Progress, batch
 from .problem import End, Problem
@@ -140,19 +140,18 @@ def _accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list
             defects = batch(frames).defects()
         estimates = [error_from_defects(frame, *(d[k] for d in defects)) for k, frame in enumerate(frames)]
         errors = np.array([error for error, _ in estimates])
-        mesh = frames[0].bound.mesh
-        n = len(mesh) - 1
-        finer = [m for m in ELEMENTS if m > n]
-        if np.max(errors) <= tolerance or not finer:
+        worst = float(np.max(errors))
+        if worst <= tolerance:
             return frames, errors
-        local = np.max([local for _, local in estimates], axis=0)
-        mesh = refined_mesh(mesh, local, finer[0])
-        again = [
-            solve_on(frame.case, mesh, x, solver)
-            for frame, x in zip(frames, resample(batch(frames), mesh), strict=True)
-        ]
-        if not all(frame.ok and not frame.turned for frame in again):
+        mesh = finer_mesh(frames[0].bound.mesh, np.max([local for _, local in estimates], axis=0), worst / tolerance)
+        if mesh is None:
             return frames, errors
+        again: list[Solved] = []
+        for frame, x in zip(frames, resample(batch(frames), mesh), strict=True):
+            solved = solve_on(frame.case, mesh, x, solver, near=again[-1] if again else None)
+            if not solved.ok or solved.turned:
+                return frames, errors
+            again.append(solved)
         frames = again
 
 

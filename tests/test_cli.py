@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from harness_opt import cli, continuation, motion, outer_loop, sweeps, tables
+from harness_opt import cli, continuation, motion, outer_loop, tables
 from harness_opt.cli import main
 from harness_opt.errors import HarnessError, SolveError, Status
 from harness_opt.problem_file import read_problem
@@ -266,7 +266,7 @@ def test_simulate_where_a_limit_is_violated(here, capsys):
 
 
 def test_simulate_where_no_shape_is_found(here, capsys, monkeypatch):
-    monkeypatch.setattr(sweeps, "ELEMENTS", (8, 12))  # the finer ones take seconds to build
+    monkeypatch.setattr(continuation, "ELEMENTS", (8, 12))  # the finer ones take seconds to build
     assert main(["simulate", put(FLAP), *PLAIN, "--tolerance=1e-18", "--quiet"]) == 3
     out, err = capsys.readouterr()
     assert out == ""

@@ -11,7 +11,7 @@ import pytest
 import scipy.sparse as sp
 
 import harness_opt as ho
-from harness_opt import continuation, rotations, sweeps
+from harness_opt import continuation, rotations
 from harness_opt.continuation import SOLVERS
 from harness_opt.solvers.interface import LeastSquares, Options, Solution, largest
 from harness_opt.solvers.linear import factorise
@@ -199,8 +199,7 @@ def test_frames_as_given():
 def be_impatient(patch: pytest.MonkeyPatch) -> None:
     """Try only coarse meshes and long steps, so that giving up takes a second and not a minute."""
     patch.setattr(continuation, "SMALLEST_STEP", 0.25)
-    for room in (continuation, sweeps):
-        patch.setattr(room, "ELEMENTS", (8, 12, 16))
+    patch.setattr(continuation, "ELEMENTS", (8, 12, 16))
 
 
 @pytest.fixture

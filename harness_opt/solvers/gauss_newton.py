@@ -16,66 +16,77 @@ from .linear import factorise
 
 SUFFICIENT = 1e-4  # Armijo's constant
 SMALLEST_STEP = 1e-4  # a shorter fraction of the step makes no progress worth the work
-CONTRACTION = (
-    0.1  # while |R| falls by this factor a step, the Jacobian is kept: a chord step costs a tenth of a full one
-)
+CONTRACTION = 0.2  # while |R| and steps fall by this factor, the Jacobian is kept: it costs ten times a chord step
 NEAR_MINIMUM = (
     1e-5  # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
 )
-SMALL = 1e-10  # largest entry of a last step that leaves nothing to gain
+SMALL = 10.0  # largest entry of the next step, in tolerances, that leaves nothing to gain
 POLISH = 2  # most steps once the residual is small: where the problem is badly conditioned, that is not enough
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
-    factor, stale, size = None, True, np.inf
+    factor, size, ahead, polished = options.factor, np.inf, np.inf, 0
+    stale = factor is None
     status = Status.ITERATION_LIMIT
     residual = problem.residual(x)
-    best, polished = largest(residual), 0
+    best = largest(residual)
     for iteration in range(options.iterations + 1):
-        if not np.isfinite(best):
+        if best == np.inf:
             status = Status.NOT_FINITE
             break
         if best <= options.tolerance:
             status = Status.OK
-            if size <= SMALL or polished == POLISH:
+            if ahead <= SMALL * options.tolerance or polished == POLISH or best == 0.0:
                 break
             polished += 1
         if iteration == options.iterations:
             break
-        if stale:
+        fresh = stale
+        if fresh:
             jacobian = problem.linearise(x)[1]
             if not np.all(np.isfinite(jacobian.data)):
                 status = Status.NOT_FINITE
                 break
             factor = factorise(jacobian)
-        step = -factor.solve(residual)  # type: ignore[union-attr]
-        if options.stationary and largest(step) <= STILL:
+        step = -factor.solve(residual)
+        reach = largest(step)
+        if options.stationary and reach <= STILL:
             status = Status.OK
             break
-        length, trial = _search(problem, x, step, residual)
+        length, there, trial = _search(problem, x, step, residual, SMALLEST_STEP if fresh else 1.0)
         if length == 0.0:
             if status.ok:
                 break
-            if stale and options.stationary and largest(step) <= NEAR_MINIMUM:
+            if fresh and options.stationary and reach <= NEAR_MINIMUM:
                 status = Status.OK
                 break
-            if stale:
+            if fresh:
                 return Solution(x, Status.STALLED, best, iteration, factor)
             stale = True  # the old Jacobian gave no descent: take the step again with a new one
             continue
-        x, size = x + length * step, length * largest(step)
-        stale = length < 1.0 or largest(trial) > CONTRACTION * best
-        residual, best = trial, largest(trial)
+        # steps shrink as residuals do; a badly conditioned problem shows in one of the two alone what is left of it
+        left = largest(trial)
+        contraction = max(left / best, length * reach / size if size > 0.0 else np.inf)
+        size = length * reach
+        ahead = contraction * size
+        x, residual, best = there, trial, left
+        stale = length < 1.0 or contraction > CONTRACTION
     return Solution(x, status, best, iteration, factor)
 
 
-def _search(problem: LeastSquares, x: Array, step: Array, residual: Array) -> tuple[float, Array]:
-    """Return the accepted fraction of ``step`` and the residual there; fraction 0 where none descends."""
+def _search(
+    problem: LeastSquares, x: Array, step: Array, residual: Array, smallest: float
+) -> tuple[float, Array, Array]:
+    """Return the accepted fraction of ``step``, at least ``smallest``, where it leads, and the residual there.
+
+    The fraction is 0 where none descends.
+    """
     cost, length = residual @ residual, 1.0
-    while length >= SMALLEST_STEP:
-        trial = problem.residual(x + length * step)
-        if np.all(np.isfinite(trial)) and trial @ trial <= (1.0 - 2.0 * SUFFICIENT * length) * cost:
-            return length, trial
+    while length >= smallest:
+        there = x + length * step
+        trial = problem.residual(there)
+        if trial @ trial <= (1.0 - 2.0 * SUFFICIENT * length) * cost:  # false where an entry is not a number
+            return length, there, trial
         length *= 0.5
-    return 0.0, residual
+    return 0.0, x, residual

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -56,11 +57,13 @@ class Options:
         tolerance: largest entry of |R| that counts as solved.
         iterations: limit.
         stationary: take a least-squares minimum for a solution, whatever residual is left: for overdetermined problems.
+        factor: what solves J y = b for a like problem at a like point, or None: a method may begin with it.
     """
 
     tolerance: float = 1e-11
     iterations: int = 60
     stationary: bool = False
+    factor: Any = None
 
 
 @dataclass(frozen=True)
@@ -158,5 +161,5 @@ class Solver(Protocol):
 
 def largest(residual: Array) -> float:
     """Return max |R|, infinite where an entry is not a number."""
-    value = float(np.max(np.abs(residual), initial=0.0))
-    return value if np.isfinite(value) else np.inf
+    value = float(np.abs(residual).max()) if residual.size else 0.0
+    return value if math.isfinite(value) else np.inf

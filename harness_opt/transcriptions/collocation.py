@@ -36,6 +36,8 @@ START, CLOSURE = 4, 3  # equations of the start, of the gap (or force)
 class Buffered:
     """A CasADi function that reads and writes NumPy arrays in place, without the copies of an ordinary call."""
 
+    _given: tuple[Array, ...] = ()
+
     def __init__(self, function: ca.Function):
         self._buffer, self._evaluate = function.buffer()
         self._arguments = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
@@ -45,10 +47,16 @@ class Buffered:
         for i, array in enumerate(self._results):
             self._buffer.set_res(i, memoryview(array))  # type: ignore[arg-type,call-arg]
 
-    def __call__(self, *arguments: Array) -> list[Array]:
-        """Evaluate at flat arrays (column-major); the results are overwritten by the next call."""
-        for array, value in zip(self._arguments, arguments, strict=True):
-            array[:] = value
+    def __call__(self, first: Array, others: tuple[Array, ...]) -> list[Array]:
+        """Evaluate at flat arrays (column-major); the results are overwritten by the next call.
+
+        ``others`` are copied where they are another tuple than the last time: what is in it must not be changed.
+        """
+        self._arguments[0][:] = first
+        if others is not self._given:
+            for array, value in zip(self._arguments[1:], others, strict=True):
+                array[:] = value
+            self._given = others
         self._evaluate()
         return self._results
 
@@ -111,7 +119,8 @@ class Collocation:
         self._element = _element(stages, loaded)
         z, *parameters = self._element.sx_in()
         defects = self._element(z, *parameters)
-        linearised = ca.Function("linearised", [z, *parameters], [defects, ca.jacobian(defects, z)])
+        # cse: a third of the Jacobian's operations are the same ones again
+        linearised = ca.Function("linearised", [z, *parameters], [defects, ca.jacobian(defects, z)], {"cse": True})
         _, rest, load = parameters[2:]
         rated = ca.Function("rated", [z, *parameters], [ca.jacobian(defects, ca.vertcat(rest, load))])
         self._residual, self._linearised = self._mapped(self._element), self._mapped(linearised)
@@ -124,6 +133,7 @@ class Collocation:
         self.size = block * elements + NODE + FORCE
         force = np.tile(np.arange(self.size - FORCE, self.size)[:, None], elements)
         self._gather = np.concatenate([self._gather, force])
+        self._gather_flat = self._gather.T.ravel()
 
     def _mapped(self, function: ca.Function) -> Buffered:
         shared = list(range(3, function.n_in()))  # stiffness, rest curvature and load are one for all elements
@@ -253,39 +263,46 @@ class BoundCollocation:
         n, s = transcription.elements, transcription.stages
         self._pattern = _pattern(n, s, transcription.loaded, boundary.kind)
         self._node = (NODE + 4 * s) * n
+        self._relative = _relative(boundary)
 
     # -- residual and derivatives ------------------------------------------------------------------------------
 
     def _assemble(self, x: Array, defects: Array) -> Array:
-        count = 4 * self.transcription.stages + NODE
-        table = defects.reshape(self.transcription.elements, count + 3)
-        b, node = self.boundary, self._node
+        t, b, node = self.transcription, self.boundary, self._node
+        count = 4 * t.stages + NODE
+        table = defects.reshape(t.elements, count + 3)
+        out = np.empty(t.size)
+        start, closure, end = out[:START], out[-CLOSURE - 3 : -3], out[-3:]
         if b.kind.start_orientation:
-            start = x[:4] - b.start_quaternion
+            start[:] = x[:4] - b.start_quaternion
         else:
-            start = np.concatenate([[x[:4] @ x[:4] - 1.0], x[4:7] + b.start_moment])
+            start[0], start[1:] = x[:4] @ x[:4] - 1.0, x[4:7] + b.start_moment
+        out[START : -CLOSURE - 3].reshape(t.elements, count)[:] = table[:, :count]
         if b.kind.start_position and b.kind.end_position:
-            closure = table[:, count:].sum(axis=0) - b.gap
+            closure[:] = table[:, count:].sum(axis=0) - b.gap
         elif b.kind.start_position:
-            closure = x[-3:] - self.load - b.end_force
+            closure[:] = x[-3:] - self.load - b.end_force
         else:
-            closure = x[-3:] + b.start_force
-        end = _relative(b) @ x[node : node + 4] if b.kind.end_orientation else x[node + 4 : node + 7] - b.end_moment
-        return np.concatenate([start, table[:, :count].ravel(), closure, end])
+            closure[:] = x[-3:] + b.start_force
+        if b.kind.end_orientation:
+            end[:] = self._relative @ x[node : node + 4]
+        else:
+            end[:] = x[node + 4 : node + 7] - b.end_moment
+        return out
 
     def residual(self, x: Array) -> Array:
         """Return R(x) (m,), m = n."""
         t = self.transcription
-        return self._assemble(x, t._residual(x[t._gather].T.ravel(), *self._parameters)[0])
+        return self._assemble(x, t._residual(x[t._gather_flat], self._parameters)[0])
 
     def linearise(self, x: Array) -> tuple[Array, sp.csc_array]:
         """Return R(x) and its Jacobian."""
         t, b = self.transcription, self.boundary
-        defects, entries = t._linearised(x[t._gather].T.ravel(), *self._parameters)
+        defects, entries = t._linearised(x[t._gather_flat], self._parameters)
         boundary_entries = [np.ones(4) if b.kind.start_orientation else np.concatenate([2 * x[:4], np.ones(3)])]
         if not (b.kind.start_position and b.kind.end_position):
             boundary_entries.append(np.ones(3))
-        boundary_entries.append(_relative(b).ravel() if b.kind.end_orientation else np.ones(3))
+        boundary_entries.append(self._relative.ravel() if b.kind.end_orientation else np.ones(3))
         order, indices, indptr = self._pattern
         data = np.concatenate([entries, *boundary_entries])[order]
         return self._assemble(x, defects), sp.csc_array((data, indices, indptr), shape=(t.size, t.size))
@@ -294,7 +311,7 @@ class BoundCollocation:
         """Return the equations of this kind in symbols, and the values of their parameters."""
         t, b = self.transcription, self.boundary
         loads = (b.start_force, b.end_force, b.start_moment, b.end_moment)
-        values = (*self._parameters, b.gap, b.start_quaternion, _relative(b).ravel("F"), *loads)
+        values = (*self._parameters, b.gap, b.start_quaternion, self._relative.ravel("F"), *loads)
         return _equations(t.elements, t.stages, t.loaded, b.kind), np.concatenate(values)
 
     def symbolic(self) -> tuple[ca.SX, ca.SX]:
@@ -308,6 +325,11 @@ class BoundCollocation:
 
     # -- in and out --------------------------------------------------------------------------------------------
 
+    def quaternions(self, x: Array) -> Array:
+        """Return the quaternions at the nodes (n + 1, 4)."""
+        blocks = x[: self._node].reshape(self.transcription.elements, -1)
+        return np.concatenate([blocks[:, :4], x[None, self._node : self._node + 4]])
+
     def unpack(self, x: Array) -> NodeStates:
         """Return the states at the nodes; the centreline is the integral (17) by the elements' own quadrature."""
         n, s = self.transcription.elements, self.transcription.stages
@@ -315,7 +337,7 @@ class BoundCollocation:
         steps = np.diff(self.mesh)
         tangents = rotations.tangent(blocks[:, 7:].reshape(n, s, 4))
         chords = steps[:, None] * np.einsum("j,ejc->ec", gauss(s).weights, tangents)
-        q = np.vstack([blocks[:, :4], x[self._node : self._node + 4]])
+        q = self.quaternions(x)
         moment = np.vstack([blocks[:, 4:7], x[self._node + 4 : self._node + 7]])
         r = np.vstack([np.zeros(3), np.cumsum(chords, axis=0)])
         force = x[-3:] - self.mesh[:, None] * self.load
@@ -346,7 +368,7 @@ class BoundCollocation:
         count, k = 4 * t.stages + NODE, gap.shape[1]
         out = np.zeros((t.size, k))
         if np.any(rest) or np.any(load):
-            entries = t._parameter_rates(x[t._gather].T.ravel(), *self._parameters)[0]
+            entries = t._parameter_rates(x[t._gather_flat], self._parameters)[0]
             rows, columns = (np.array(v) for v in t._rate_pattern.get_triplet())
             table = np.zeros((t.elements, *t._rate_shape))
             table[:, rows, columns] = entries.reshape(t.elements, -1)

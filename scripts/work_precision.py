@@ -1,0 +1,406 @@
+"""How large an error does how much time buy, for every transcription, solver and resolution, and for the peers?
+
+    python scripts/work_precision.py -o results/work_precision
+    python scripts/work_precision.py --quick
+
+Each case of ``work_precision_cases.py`` is solved cold, from its clamps alone to a certified shape, and warm, as the
+last of 100 frames that lead to it from an easier case: there the solve alone is timed, with every shape predicted from
+those before. ``solve_bvp`` (``bvp_peer.py``) goes the same way from the same first shape. The error is the largest
+distance of the centreline from the exact one, or from a reference that another method solved. Times are medians of
+processor time on one thread: what else the machine does does not count. Failures stay as rows.
+
+``rows.csv`` has all of it; a figure a case shows error against time; the table that ends the output is the README's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bvp_peer import Peer
+from threadpoolctl import threadpool_limits
+from work_precision_cases import Benchmark, G, S, benchmarks
+
+import harness_opt as ho
+from harness_opt import rotations
+from harness_opt.boundary import Case
+from harness_opt.continuation import SOLVERS, Solved, error_estimate, follow, refine, resample, solve_on, step
+from harness_opt.solvers.interface import Options
+from harness_opt.transcriptions.dqm import Dqm
+
+Array = np.ndarray
+Row = dict[str, Any]
+GAUSS_NEWTON = "gauss-newton"
+SOLVER_NAMES = (GAUSS_NEWTON, "levenberg-marquardt", "ipopt")
+FRAMES = 100  # that a motion is cut into
+SOME, FEW = 30, 10  # of them that solve_bvp, and that slower solvers are timed on: the last ones
+REFERENCE = 1e-10  # in lengths of the cable: errors below are those of the references
+RANDOM_CASES, SEED = 200, 20240611
+LONG = 1.0  # s, after which nothing is repeated
+TARGETS = (1e-5, 1e-6, 1e-8)  # errors that the table compares times at
+
+
+@dataclasses.dataclass(frozen=True)
+class Extent:
+    """How much of the study is run.
+
+    Args:
+        cases: names; empty for all.
+        frames: of the motion's last, that are timed.
+        elements, points: resolutions of the collocation and of the differential quadrature.
+        meshes: (nodes, tolerance) of ``solve_bvp``.
+        tolerances: of cold starts.
+        repeats: of each timing.
+        random: number of random cold cases.
+        slow: whether solvers other than Gauss-Newton start cold too.
+    """
+
+    cases: tuple[str, ...] = ()
+    frames: int = FRAMES
+    elements: tuple[int, ...] = (3, 4, 5, 6, 8, 12, 16, 24, 32)
+    points: tuple[int, ...] = (11, 15, 21, 31, 41)
+    meshes: tuple[tuple[int, float], ...] = (
+        (7, 1e-1), (9, 1e-2), (13, 1e-2), (13, 1e-3), (17, 1e-3), (17, 1e-4), (25, 1e-4), (25, 1e-5), (33, 1e-5),
+        (33, 1e-6), (49, 1e-6), (65, 1e-7), (97, 1e-8),
+    )  # fmt: skip
+    tolerances: tuple[float, ...] = (1e-3, 1e-5, 1e-7, 1e-9)
+    repeats: int = 5
+    random: int = RANDOM_CASES
+    slow: bool = True
+
+
+QUICK = Extent(
+    cases=("elastica 0.6", "cantilever P = 5", "3-D, weight 30"), frames=20, elements=(4, 6, 8, 12), points=(21,),
+    meshes=((9, 1e-2), (17, 1e-3), (33, 1e-6)), tolerances=(1e-5, 1e-9), repeats=2, random=20, slow=False,
+)  # fmt: skip
+
+
+# --- the way to a case ------------------------------------------------------------------------------------
+
+
+class Way:
+    """The motion that leads from the easier case, solved on one mesh, to the case itself.
+
+    Args:
+        benchmark: the case.
+        frames: timed ones, the last of FRAMES.
+    """
+
+    def __init__(self, benchmark: Benchmark, frames: int):
+        end, weight = benchmark.easier
+        gravity = (0.0, 0.0, -G)
+        first = ho.equilibrium(
+            benchmark.heavy(weight), benchmark.start, end, gravity, bow=benchmark.bow, tolerance=1e-6
+        )
+        easy = benchmark.easy().signed_like(first.rod.q[0], first.rod.q[-1])
+        hard = benchmark.posed().signed_like(easy.boundary.start_quaternion, easy.boundary.end_quaternion)
+        begin, reached = 1.0 - frames / FRAMES, 0.0
+        here = solve_on(easy, first.rod.mesh, resample(first.rod, first.rod.mesh), GAUSS_NEWTON)
+        if begin > 0.0:
+            here, reached = follow(lambda t: easy.blend(hard, t), here, 0.0, begin, GAUSS_NEWTON)
+        if reached != begin:
+            raise RuntimeError(f"{benchmark.name}: the way to it is lost at {reached:.3f}")
+        self.begin = refine(here, 1e-8, GAUSS_NEWTON)[0]
+        self.cases = [easy.blend(hard, t) for t in np.linspace(begin, 1.0, frames + 1)]
+        self.benchmark = benchmark
+        self.truth = benchmark.truth if benchmark.truth is not None else self._reference()
+
+    def near(self, left: int) -> Solved:
+        """Return the frame with ``left`` more to come, on the mesh of the first."""
+        here, _ = follow(self._path, self.begin, 0.0, 1.0 - left / (len(self.cases) - 1), GAUSS_NEWTON)
+        return here
+
+    def on(self, elements: int, left: int | None = None) -> Solved:
+        """Return the first frame, or that with ``left`` more to come, on a mesh of ``elements``."""
+        mesh, here = np.linspace(0.0, 1.0, elements + 1), self.begin if left is None else self.near(left)
+        return solve_on(here.case, mesh, resample(here.rod, mesh), GAUSS_NEWTON)
+
+    def last(self) -> Solved:
+        """Return the case solved on the mesh of the first frame."""
+        here, _ = follow(self._path, self.begin, 0.0, 1.0, GAUSS_NEWTON)
+        return refine(here, 1e-9, GAUSS_NEWTON)[0]
+
+    def _path(self, t: float) -> Case:
+        return self.cases[0].blend(self.cases[-1], t)
+
+    def _reference(self) -> Array:
+        """Return the shape by ``solve_bvp`` to the tightest tolerance it holds, from ours."""
+        rod = self.last().rod
+        mesh = np.unique(np.concatenate([rod.mesh, np.linspace(0.0, 1.0, 801)]))
+        at = rod.sample(mesh)
+        found = Peer(self.cases[-1]).solve(mesh, np.concatenate([at.q.T, at.moment.T, at.r.T]), at.force[0], 1e-9)
+        return found.sol(S)[7:].T
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How a solve ended: positions at S (101, 3) or None, a word, and the error it estimates itself, in L."""
+
+    position: Array | None
+    status: str = "ok"
+    estimate: float = np.nan
+
+
+def row(way: Way, method: str, resolution: float, start: str, seconds: list[float], outcome: Outcome) -> Row:
+    """Return one row of the study."""
+    known = outcome.position is not None
+    return {
+        "case": way.benchmark.name,
+        "method": method,
+        "resolution": resolution,
+        "start": start,
+        "milliseconds": 1e3 * statistics.median(seconds) if seconds else np.nan,
+        "error": way.benchmark.error(outcome.position, way.truth) if known else np.nan,
+        "estimated_error": outcome.estimate,
+        "status": outcome.status,
+    }
+
+
+# --- ours -------------------------------------------------------------------------------------------------
+
+
+def warm_collocation(way: Way, extent: Extent) -> Iterator[Row]:
+    """Follow the motion on meshes of so many elements by each solver; time a frame."""
+    for solver in SOLVER_NAMES:
+        for elements in extent.elements:
+            name, fast = f"collocation, {solver}", solver == GAUSS_NEWTON
+            repeats, left = (extent.repeats, extent.frames) if fast else (1, FEW)
+            begin = way.on(elements, None if fast else left)
+            if not begin.ok:
+                yield row(way, name, elements, "warm", [], Outcome(None, "no first shape"))
+                continue
+            seconds: list[float] = []
+            for _ in range(repeats):
+                here, before = begin, None
+                for case in way.cases[-left:]:
+                    clock = time.process_time()
+                    found = step(case, here, before, 1.0, solver)
+                    seconds.append(time.process_time() - clock)
+                    if found is None:
+                        break
+                    here, before = found, here
+            if found is None:
+                yield row(way, name, elements, "warm", seconds, Outcome(None, "step too long"))
+            else:
+                outcome = Outcome(here.rod.sample(S).r, estimate=error_estimate(here)[0])
+                yield row(way, name, elements, "warm", seconds, outcome)
+
+
+def warm_quadrature(way: Way, extent: Extent) -> Iterator[Row]:
+    """Solve the last frame by the paper's transcription from the exact shape of the one before."""
+    before = way.near(1).rod
+    for solver in (*SOLVER_NAMES, "paper"):
+        seconds = 0.0
+        for points in extent.points:
+            if seconds > LONG:  # the next one takes longer yet
+                break
+            method = Dqm(way.cases[-1], points, False)
+            at = before.sample(method.rule.nodes)
+            clock = time.process_time()
+            options = Options(iterations=200, stationary=True)
+            solution = SOLVERS[solver](method.least_squares(), method.pack(at.q, at.force), options)
+            seconds = time.process_time() - clock
+            position = method.centreline(solution.x, S) if solution.status.ok else None
+            status = "ok" if solution.status.ok else solution.status.name.lower()
+            yield row(way, f"dqm, {solver}", points, "warm", [seconds], Outcome(position, status))
+
+
+def cold(way: Way, extent: Extent) -> Iterator[Row]:
+    """Find the case's shape from its clamps alone, certified: stable or not is known, its error estimated."""
+    b = way.benchmark
+    for transcription in ("collocation", "dqm"):
+        for solver in SOLVER_NAMES:
+            if solver != GAUSS_NEWTON and not extent.slow:
+                continue
+            for tolerance in extent.tolerances:
+                if transcription == "dqm" and tolerance < 1e-5:  # more points than it can have
+                    continue
+                seconds, options = [], {"transcription": transcription, "solver": solver, "tolerance": tolerance}
+                for _ in range(extent.repeats):
+                    if sum(seconds) > LONG:
+                        break
+                    clock = time.process_time()
+                    shape = ho.equilibrium(
+                        b.heavy(b.weight), b.start, b.end, (0, 0, -G), bow=b.bow, throw=False, **options
+                    )
+                    seconds.append(time.process_time() - clock)
+                position = shape.position if shape.ok else None
+                name, status = f"{transcription}, {solver}", "ok" if shape.ok else shape.status.name.lower()
+                outcome = Outcome(position, status, shape.estimated_error)
+                yield row(way, name, tolerance, "cold", seconds, outcome)
+
+
+# --- the peer ---------------------------------------------------------------------------------------------
+
+
+def warm_bvp(way: Way, extent: Extent) -> Iterator[Row]:
+    """Follow the motion by ``solve_bvp`` with a secant guess, from the exact shape of a frame."""
+    left = min(SOME, extent.frames)
+    begin = way.near(left).rod
+    for nodes, tolerance in extent.meshes:
+        mesh, seconds, status = np.linspace(0.0, 1.0, nodes), [], "ok"
+        at = begin.sample(mesh)
+        here, before = (np.concatenate([at.q.T, at.moment.T, at.r.T]), at.force[0]), None
+        found = None
+        for case in way.cases[-left:]:
+            guess = here if before is None else tuple(2 * a - b for a, b in zip(here, before, strict=True))
+            clock = time.process_time()
+            found = Peer(case).solve(mesh, *guess, tolerance)
+            seconds.append(time.process_time() - clock)
+            if found.status != 0:
+                status = found.message
+                break
+            here, before = (found.sol(mesh), found.p), here
+        position = found.sol(S)[7:].T if status == "ok" else None
+        yield row(way, "solve_bvp", tolerance, f"warm {nodes} nodes", seconds, Outcome(position, status))
+
+
+def cold_bvp(way: Way, extent: Extent) -> Iterator[Row]:
+    """Solve the case by ``solve_bvp`` from the curve that our own cold start begins with."""
+    from harness_opt.starting_curve import starting_curve
+
+    case = way.cases[-1]
+    for tolerance in extent.tolerances:
+        r, q = starting_curve(case.boundary, 33, 0, np.array(way.benchmark.bow, dtype=float))
+        signed = case.signed_like(q[0], q[-1])
+        guess = np.concatenate([q.T, np.zeros((3, 33)), r.T])
+        clock = time.process_time()
+        found = Peer(signed).solve(np.linspace(0.0, 1.0, 33), guess, np.zeros(3), tolerance)
+        seconds = time.process_time() - clock
+        position = found.sol(S)[7:].T if found.status == 0 else None
+        status = "ok" if found.status == 0 else found.message
+        yield row(way, "solve_bvp", tolerance, "cold", [seconds], Outcome(position, status))
+
+
+# --- random clamps ----------------------------------------------------------------------------------------
+
+
+def random_cold(count: int) -> Row:
+    """Return the median time from random clamps alone to a certified shape at 1e-6 of the length."""
+    rng, seconds, solved = np.random.default_rng(SEED), [], 0
+    for k in range(count + 1):
+        gap = rotations.normalise(rng.normal(size=3)) * rng.uniform(0.05, 0.95)
+        q = rotations.normalise(rng.normal(size=(2, 4)))
+        weight = 0.0 if k % 2 else float(10 ** rng.uniform(0, 3))
+        cable = ho.Cable(1.0, 0.01, 1.0, float(10 ** rng.uniform(-1.3, 1.3)), weight / G)
+        clock = time.process_time()
+        shape = ho.equilibrium(
+            cable, ho.End((0, 0, 0), tuple(q[0])), ho.End(tuple(gap), tuple(q[1])), (0, 0, -G), tolerance=1e-6,
+            throw=False,
+        )  # fmt: skip
+        if k:  # the first one builds the functions
+            seconds.append(time.process_time() - clock)
+            solved += shape.ok and shape.stable
+    return {
+        "case": "random clamps", "method": f"collocation, {GAUSS_NEWTON}", "resolution": 1e-6, "start": "cold",
+        "milliseconds": 1e3 * statistics.median(seconds), "error": np.nan, "estimated_error": np.nan,
+        "status": f"{solved} of {count} stable and certified; slowest tenth above "
+        f"{1e3 * np.quantile(seconds, 0.9):.0f} ms",
+    }  # fmt: skip
+
+
+# --- what is shown ----------------------------------------------------------------------------------------
+
+
+def cheapest(rows: list[Row], case: str, method: str, start: str, error: float) -> float:
+    """Return the least time, ms, in which ``method`` has the case with at most ``error``; infinite where never."""
+    kept = [r for r in rows if r["case"] == case and r["method"] == method and r["start"].startswith(start)]
+    return min((r["milliseconds"] for r in kept if r["error"] <= error), default=np.inf)
+
+
+def table(rows: list[Row]) -> str:
+    """Return the README's table: milliseconds of ours and of ``solve_bvp`` at equal errors."""
+    ours = f"collocation, {GAUSS_NEWTON}"
+    head = [f"{error:g} L" for error in TARGETS]
+    lines = ["| case | " + " | ".join(f"warm, {h}" for h in head) + " | cold, 1e-8 L |", "|" + "---|" * (len(head) + 2)]
+    for case in dict.fromkeys(r["case"] for r in rows if np.isfinite(r["error"])):
+        cells = []
+        for start, error in [*(("warm", error) for error in TARGETS), ("cold", 1e-8)]:
+            a, b = (cheapest(rows, case, method, start, error) for method in (ours, "solve_bvp"))
+            ratio = f"({b:.3g}: {b / a:.0f} times)" if np.isfinite(b) and np.isfinite(a) else "(-)"
+            cells.append(f"{a:.2g} {ratio}" if np.isfinite(a) else f"- ({b:.3g})")
+        lines.append(f"| {case} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def dishonest(rows: list[Row]) -> list[Row]:
+    """Return the rows whose estimated error is more than ten times off, where the reference can tell."""
+    return [
+        r for r in rows
+        if r["method"].startswith("collocation") and REFERENCE * 10 < r["error"] < 0.01 and r["status"] == "ok"
+        and not 0.1 <= r["estimated_error"] / r["error"] <= 10.0
+    ]  # fmt: skip
+
+
+def draw(folder: Path, rows: list[Row]) -> None:
+    """Draw error against time, a figure for each case; needs matplotlib."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        print("Figures left out: matplotlib is not installed (the extra 'studies').")
+        return
+    for case in dict.fromkeys(r["case"] for r in rows if np.isfinite(r["error"])):
+        figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+        axes = figure.subplots()
+        mine = [r for r in rows if r["case"] == case and r["error"] > 0]
+        for k, (method, start) in enumerate(
+            dict.fromkeys((r["method"], r["start"].split()[0].strip(",")) for r in mine)
+        ):
+            kept = sorted(
+                (r["milliseconds"], r["error"]) for r in mine if r["method"] == method and r["start"].startswith(start)
+            )
+            mark = "o-" if start == "warm" else "s--"
+            axes.loglog(*zip(*kept, strict=True), mark, label=f"{method}, {start}", color=f"C{k % 10}", markersize=4)
+        axes.set_xlabel("processor time a shape / ms (median, one thread)")
+        axes.set_ylabel("largest error of the centreline / L")
+        axes.set_title(case)
+        axes.grid(visible=True, alpha=0.3)
+        axes.legend(fontsize=7)
+        figure.savefig(folder / f"{case.replace(' ', '_').replace(',', '')}.png", dpi=130)
+
+
+def main() -> int:
+    """Run the study; return 1 where an estimated error is not to be trusted."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, default=Path("results/work_precision"))
+    parser.add_argument("--quick", action="store_true", help="three cases, fewer resolutions; under two minutes")
+    parser.add_argument("--case", action="append", default=[], help="only this one; may be given again")
+    options = parser.parse_args()
+    extent = QUICK if options.quick else Extent()
+    names = tuple(options.case) or extent.cases
+    options.output.mkdir(parents=True, exist_ok=True)
+    rows: list[Row] = []
+    parts: list[Callable[[Way, Extent], Iterator[Row]]] = [
+        warm_collocation, warm_quadrature, cold, warm_bvp, cold_bvp,
+    ]  # fmt: skip
+    with threadpool_limits(1):
+        for benchmark in benchmarks():
+            if names and benchmark.name not in names:
+                continue
+            way = Way(benchmark, extent.frames)
+            for part in parts:
+                for found in part(way, extent):
+                    rows.append(found)
+                    print("  ".join(f"{v:.2g}" if isinstance(v, float) else str(v) for v in found.values()), flush=True)
+        rows.append(random_cold(extent.random))
+    with (options.output / "rows.csv").open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    draw(options.output, rows)
+    print("\n" + table(rows))
+    print(f"\n{rows[-1]['case']}: {rows[-1]['milliseconds']:.1f} ms, {rows[-1]['status']}")
+    for bad in (wrong := dishonest(rows)):
+        print(f"Estimate more than ten times off: {bad}")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
