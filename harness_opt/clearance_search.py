@@ -12,6 +12,8 @@ from .centreline import Curve
 from .rotations import Array
 from .vectors import Indices
 
+LONG = "the search was longer than allowed"
+
 
 @dataclass(frozen=True, eq=False)
 class Witnesses:
@@ -85,6 +87,23 @@ class Found:
     samples: Witnesses
     minima: Indices
     bound: float
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The smallest clearance found in any solved frame, and how sure it is the smallest of the motion.
+
+    Args:
+        place: one witness, in the coordinates of the obstacle; its frame has no meaning.
+        motion: where it stands, 0 to 1.
+        bound: no clearance is below this, m.
+        reason: why that is not so close to it as was asked, or not known everywhere; empty where it is.
+    """
+
+    place: Witnesses
+    motion: float
+    bound: float
+    reason: str
 
 
 def local_minima(value: Array, horizon: float) -> tuple[Indices, Indices]:
