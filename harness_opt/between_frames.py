@@ -29,7 +29,7 @@ SOLVER = "gauss-newton"
 
 
 class BetweenFrames:
-    """Finds shapes of a motion's cables between its frames, as :data:`harness_opt.moving_curve.Solve` asks.
+    """Finds shapes of a motion's cables between its frames, as :data:`harness_opt.solved_frames.Solve` asks.
 
     Args:
         motion: simulated.

@@ -184,19 +184,24 @@ class CableSearch(Search):
         return np.column_stack(s), np.column_stack(t)
 
     def _apart(self, cells: Cells) -> Array:
-        """Return how much arc, at most, lies between points of cells (k,), m; infinite for two cables."""
-        return cells.arcs[:, 3] - cells.arcs[:, 0] if self._gap > 0 else np.full(len(cells.first), np.inf)
+        """Return how much arc of the one cable, at most, lies between points of cells (k,), m."""
+        return cells.arcs[:, 3] - cells.arcs[:, 0]
 
     def _most_doubt(self, low: float, high: float) -> float:
         """Return how far the two centrelines may be off over a stretch between frames, together, m."""
         at = np.array([0.5 * (low + high)])
-        return float(sum(curve.deviation[curve.interval(at)[0]] for curve in self.curves))
+        return float(sum(curve.deviation[curve.interval(at)[0]].max() for curve in self.curves))
 
     def _doubt(self, cells: Cells) -> Array:
         """Return how far the ways in cells may be off (k,), m: neighbours on one cable are off alike."""
-        one, other = (curve.deviation[curve.interval(cells.middle)] for curve in self.curves)
-        curve = self.curves[0]
-        return np.minimum(one + other, self._apart(cells) * curve.turn_deviation[curve.interval(cells.middle)])
+        off = np.zeros(len(cells.first))
+        for side, curve in enumerate(self.curves):
+            middle = cells.arcs[:, 2 * side : 2 * side + 2].mean(axis=1)
+            off = off + curve.deviation[curve.interval(cells.middle), curve.arc(middle)]
+        if self._gap <= 0:
+            return off
+        turn = self.curves[0].turn_deviation.max(axis=1)
+        return np.minimum(off, self._apart(cells) * turn[self.curves[0].interval(cells.middle)])
 
     def _strays_of_ways(self, cells: Cells) -> Array:
         """Return how far the ways in cells stray from linear ones (k,), m: neighbours on one cable move alike."""

@@ -27,13 +27,14 @@ from .cable_certificate import CableSearch
 from .cable_clearance import CurvePair, against_cable, least_gap
 from .centreline import Curve, cubic_error
 from .clearance_search import LONG, Certificate, Found, Task, Witnesses
-from .moving_curve import MovingCurve, Solve
+from .moving_curve import MovingCurve
 from .part_certificate import PartSearch, Seen
 from .part_clearance import against_part, places
-from .problem import End, Problem
+from .problem import WORLD, Body, End, Problem
 from .results import CableMotion, LimitResult, Motion, Snap
 from .rotations import Array
 from .scene import Scene
+from .solved_frames import Solve, SolvedFrames
 
 __all__ = ["Between", "ClearanceResult", "Curve", "Options", "PairClearance", "Witnesses", "measure"]
 
@@ -199,7 +200,7 @@ def measure(
         return ClearanceResult(motion, (), ("clearance: no frame was solved",))
     given = Motion(problem, motion, cables)
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
-    curves = moving_curves(given, between) if between is not None and problem.moves and len(motion) > 1 else {}
+    views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
     pairs: list[PairClearance] = []
     left_out: list[str] = []
     poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
@@ -214,9 +215,9 @@ def measure(
                 continue
             pair = _pair(given, task, name, against_part(task, geometry, excluded))
             pair = replace(pair, excluded=excluded, closed=geometry.closed)
-            if curves and task.limit is not None:
-                view = seen_from(problem, curves[own.cable], geometry.body)
-                search = PartSearch(task, view, geometry, places(task.curve.s, excluded), pair.start)
+            if views is not None and task.limit is not None:
+                view, arcs = views.seen(own.cable, geometry.body), places(task.curve.s, excluded)
+                search = PartSearch(task, view, geometry, arcs, pair.start)
                 pair = _certified(pair, motion, search.certificate())
             pairs.append(_in_world(pair, problem, geometry.body, motion))
         if problem.limits.clearance is None:
@@ -229,47 +230,57 @@ def measure(
                 left_out.append(f"clearance of {own.cable} to itself: too short to meet itself")
                 continue
             pair = _pair(given, task, f"cable:{other.cable}", against_cable(task, both))
-            if curves:
-                search_pair = CableSearch(task, other, (curves[own.cable], curves[other.cable]), pair.start)
-                pair = _certified(pair, motion, search_pair.certificate())
+            if views is not None:
+                curves = views.curve(own.cable), views.curve(other.cable)
+                pair = _certified(pair, motion, CableSearch(task, other, curves, pair.start).certificate())
             pairs.append(pair)
-    inserted = {name: curve.inserted for name, curve in curves.items()}
+    inserted = {} if views is None else {name: frames.inserted for name, frames in views.frames.items()}
     return ClearanceResult(motion, tuple(pairs), tuple(left_out), inserted)
 
 
-def moving_curves(given: Motion, between: Between) -> dict[str, MovingCurve]:
-    """Return the centrelines of all cables over the motion."""
-    motion, curves = given.motion, {}
-    turns = np.array([0.5]) if given.problem.out_and_back else np.zeros(0)
-    for name, shapes in given.cables.items():
-        frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
-        jumps = 0.5 * (motion[frames - 1] + motion[frames])
-        curves[name] = MovingCurve(name, motion, shapes, between.solve, jumps=jumps, turns=turns)
-        curves[name].insert(turns[(turns > motion[0]) & (turns < motion[-1])])
-    return curves
+class _Views:
+    """The moving centrelines of all cables, each seen from the bodies that matter; made when first asked for."""
 
+    def __init__(self, given: Motion, between: Between):
+        self._problem, motion = given.problem, given.motion
+        turns = np.array([0.5]) if given.problem.out_and_back else np.zeros(0)
+        self.frames: dict[str, SolvedFrames] = {}
+        self._curves: dict[tuple[str, str], MovingCurve] = {}
+        for name, shapes in given.cables.items():
+            frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
+            jumps = 0.5 * (motion[frames - 1] + motion[frames])
+            solved = SolvedFrames(name, motion, shapes, between.solve, jumps=jumps, turns=turns)
+            solved.insert(turns[(turns > motion[0]) & (turns < motion[-1])])
+            self.frames[name] = solved
 
-def seen_from(problem: Problem, curve: MovingCurve, body: str) -> Seen:
-    """Return ``curve`` as it is seen from a body."""
-    run = problem.cables[curve.cable]
+    def curve(self, cable: str, body: str = WORLD) -> MovingCurve:
+        """Return the centreline of ``cable`` in the coordinates of ``body``."""
+        if (cable, body) not in self._curves:
+            poses = None if body == WORLD else functools.partial(self._problem.poses, body)
+            self._curves[cable, body] = MovingCurve(self.frames[cable], poses)
+        return self._curves[cable, body]
 
-    def clamp(end: End) -> Callable[[Array], Array] | None:
+    def seen(self, cable: str, body: str) -> Seen:
+        """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
+        problem, run = self._problem, self._problem.cables[cable]
+        clamps = (self._clamp(run.start, body), self._clamp(run.end, body))
+        if body in (run.start.body, run.end.body):
+            still = Body().poses, functools.partial(problem.rates, WORLD)
+            return Seen(self.curve(cable, body), *still, clamps)
+        moving = functools.partial(problem.poses, body), functools.partial(problem.rates, body)
+        return Seen(self.curve(cable), *moving, clamps)
+
+    def _clamp(self, end: End, body: str) -> Callable[[Array], Array] | None:
+        """Return the way of the clamp that holds ``end``, in the coordinates of ``body``; None where none does."""
         if end.position is None:
             return None
         held = np.asarray(end.position)
 
         def at(motion: Array) -> Array:
-            position, quaternion = problem.poses(end.body, motion)
-            return position + rotations.rotate(quaternion, held)
+            (p, q), (c, turn) = (self._problem.poses(name, motion) for name in (end.body, body))
+            return rotations.rotate(rotations.conjugate(turn), p + rotations.rotate(q, held) - c)
 
         return at
-
-    return Seen(
-        curve,
-        functools.partial(problem.poses, body),
-        functools.partial(problem.rates, body),
-        (clamp(run.start), clamp(run.end)),
-    )
 
 
 def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) -> Task:

@@ -1,82 +1,68 @@
 """A cable's centreline between solved frames, and how far off it can be.
 
 Between two frames every station moves along the cubic through four frames of the same stretch of the motion;
-along the cable it is the cubic of :class:`harness_opt.centreline.Curve`. What lies between frames is known this
+along the cable it is the cubic of :class:`harness_opt.centreline.Curve`. Where a body carries an end of the cable,
+that is done in its coordinates, in which the cable moves least. What lies between frames is known this
 well:
 
 * proven: everything about these cubics themselves, so that bounds on them need no sampling;
 * estimated: :attr:`MovingCurve.deviation`, by how much the true shapes can differ from the cubics. It is what the
-  fourth frame changes in the parabola through the other three, of one order lower than the cubic's own error
-  (the usual estimate of embedded formulas: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I,
-  section II.4). Where that is more than the way between the two frames, as where a cable starts to lean out of a
-  plane, a straight line takes the cubic's place and that way is the estimate. Every frame solved between two others
-  is compared with what was expected there; where one is further off than estimated, all estimates are raised.
+  fourth frame changes in the parabola through the other three, of one order lower than the cubic's own error (the
+  usual estimate of embedded formulas: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section
+  II.4), taken where it is largest among neighbours. Where that is more than the way between the two frames, as
+  where a cable starts to lean out of a plane, a straight line takes the cubic's place and that way is the estimate.
+  Every frame solved between two others is compared with what was expected there; where one is further off than
+  estimated, the estimates around it are raised.
 
 Where the cable snaps, or no shape is found, nothing is known between the two frames: the interval is broken.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import rotations
-from .centreline import cubic_error, hermite
-from .results import CableMotion
+from .centreline import hermite
 from .rotations import Array
+from .solved_frames import NODES, SolvedFrames
 from .vectors import Indices, lengths
 
-NODES = 4  # frames that a cubic goes through
-SHORTEST = 2.0**-20  # of the motion, between two frames: below this a shape is said to jump
-TRUST = 2.0  # times the largest difference met over the one estimated, where it was more than estimated
+RAISE = 1.5  # times the largest difference met over the one estimated, where it was more than estimated
+LEAST = 0.1  # of the largest estimate along the cable: near a clamp it can vanish by chance
 STRETCH = 2.0  # times what is seen half-way between two frames
 PIECES = 4  # of an interval, between which a cubic is bounded by interpolation
 ROUNDING = 1e-12  # of the cable's length: differences of positions below this are rounding
 
-# cable and motion values (k,) to positions (k, N, 3), m, quaternions (k, N, 4), and which of them were found (k,)
-Solve = Callable[[str, Array], tuple[Array, Array, NDArray[np.bool_]]]
+Poses = Callable[[Array], tuple[Array, Array]]  # motion values (k,) to positions (k, 3), m, and quaternions (k, 4)
 
 
 class MovingCurve:
-    """The centreline of one cable over its motion, to which solved frames can be added.
+    """The centreline of one cable over its motion, in the world or in the coordinates of a body.
 
     Args:
-        cable: its name.
-        motion: (P,), of the frames, increasing.
-        shapes: of the cable in them.
-        solve: finds shapes between them.
-        jumps: motion values inside the intervals in which the cable snaps.
-        turns: motion values at which bodies turn round, so that nothing is smooth across them.
+        frames: solved.
+        poses: of the body; None stays in the world.
     """
 
-    def __init__(
-        self,
-        cable: str,
-        motion: Array,
-        shapes: CableMotion,
-        solve: Solve,
-        *,
-        jumps: Array,
-        turns: Array,
-    ):
-        self.cable, self._solve, self._jumps, self._turns = cable, solve, jumps, turns
-        self.s, self.times = shapes.s, motion
-        self.position, self.tangent = shapes.position, rotations.tangent(shapes.quaternion)
-        own = float(np.nan_to_num(np.max(shapes.estimated_error)))
-        self.error = cubic_error(shapes) + own * shapes.s[-1]  # of the frames themselves, m
-        self.given = motion
-        self.lost = np.zeros(0)  # motion values at which no shape was found
-        self.trust = 1.0
-        self._prepare()
+    def __init__(self, frames: SolvedFrames, poses: Poses | None = None):
+        self.frames, self._poses = frames, poses
+        self.s, self.error = frames.s, frames.error
+        # what the estimates are multiplied by, between the frames of the simulation
+        self._raised = np.ones(max(len(frames.given) - 1, 1))
+        self._take()
 
     @property
-    def inserted(self) -> int:
-        """How many frames were added."""
-        return len(self.times) - len(self.given)
+    def cable(self) -> str:
+        """The cable's name."""
+        return self.frames.cable
+
+    @property
+    def raised(self) -> float:
+        """What the estimate was multiplied by where frames solved in between showed most that it was too small."""
+        return float(self._raised.max())
 
     def interval(self, at: Array) -> Indices:
         """Return the intervals (k,) between frames that hold motion values ``at`` (k,)."""
@@ -104,76 +90,62 @@ class MovingCurve:
         return np.max([self._most(end[interval : interval + 1], low, high)[0] for end in self._bends], axis=0)
 
     def insert(self, values: Array) -> bool:
-        """Solve frames at motion values (k,), each inside an interval; return whether :attr:`trust` was raised."""
-        gap = np.min(np.abs(values[:, None] - self.times), axis=1, initial=math.inf)
-        values = np.unique(values[gap > SHORTEST])
-        if not len(values):
+        """Solve frames at motion values (k,), each inside an interval; return whether estimates were raised for it."""
+        self.frames.insert(values)
+        return self.update()
+
+    def update(self) -> bool:
+        """Take up frames that were solved since, and return whether estimates were raised for them."""
+        new = np.flatnonzero(~np.isin(self.frames.times, self.times))
+        if not len(new) and np.array_equal(self.broken, self.frames.broken):
             return False
-        where = self.interval(values)
-        position, quaternion, found = self._solve(self.cable, values)
-        self.lost = np.union1d(self.lost, values[~found])
-        values, where = values[found], where[found]
-        position, tangent = position[found], rotations.tangent(quaternion[found])
-        expected = np.array(
-            [self.at(np.full(len(self.s), k), np.full(len(self.s), t), self.s)
-             for k, t in zip(where, values, strict=True)]
-        ).reshape(position.shape)  # fmt: skip
-        off = lengths(position - expected).max(axis=1, initial=0.0)
-        estimated = self.deviation[where]
-        wrong = np.isfinite(estimated) & (off > estimated) & ~self.broken[where]
-        raised = bool(np.any(wrong))
-        if raised:
-            self.trust *= TRUST * float(np.max(off[wrong] / estimated[wrong]))
-        order = np.argsort(np.concatenate([self.times, values]), kind="stable")
-        self.times = np.concatenate([self.times, values])[order]
-        self.position = np.concatenate([self.position, position])[order]
-        self.tangent = np.concatenate([self.tangent, tangent])[order]
-        self._prepare()
-        return raised
+        values = self.frames.times[new]
+        where, count = self.interval(values), len(self.s)
+        at = (np.repeat(where, count), np.repeat(values, count), np.tile(self.s, len(new)))
+        expected = self.at(*at).reshape(len(new), count, 3)
+        estimated = self.error + np.maximum(
+            np.pad(self.deviation, ((0, 0), (0, 1)), mode="edge"), np.pad(self.deviation, ((0, 0), (1, 0)), mode="edge")
+        )
+        self._take()
+        over = np.max(lengths(self.position[new] - expected) / estimated[where], axis=1, initial=0.0)
+        wrong = over > 1.0
+        if np.any(wrong):
+            # around it too: what is rough is so on both sides of a frame
+            for near in (-1, 0, 1):
+                k = self._given(values[wrong]) + near
+                inside = (k >= 0) & (k < len(self._raised))
+                np.maximum.at(self._raised, k[inside], (RAISE * over[wrong] * self._trust[where[wrong]])[inside])
+            self._prepare()
+        return bool(np.any(wrong))
+
+    def _given(self, at: Array) -> Indices:
+        """Return the intervals (k,) between frames of the simulation that hold motion values ``at`` (k,)."""
+        return np.clip(np.searchsorted(self.frames.given, at, side="right") - 1, 0, len(self._raised) - 1)
 
     def complete(self) -> None:
         """Solve as many frames as a cubic needs on every stretch without a break."""
-        for _ in range(NODES):
-            missing = [
-                np.linspace(self.times[first], self.times[last], NODES)[1:-1]
-                for first, last in self._stretches()
-                if first < last < first + NODES - 1
-            ]
-            if not missing:
-                return
-            self.insert(np.concatenate(missing))
+        self.frames.complete()
+        self.update()
 
-    def why_broken(self, interval: int) -> str:
-        """Return why nothing is known within an interval: a sentence for the user."""
-        low, high = self.times[interval], self.times[interval + 1]
-        frame = int(np.clip(np.searchsorted(self.given, 0.5 * (low + high)) - 1, 0, len(self.given) - 2))
-        where = f"between frames {frame} and {frame + 1} (motion {low:.6f} to {high:.6f})"
-        if np.any((self._jumps > low) & (self._jumps < high)):
-            return f"{self.cable} snaps {where}, and what it meets on the way is not known"
-        if high - low < SHORTEST:
-            return f"{self.cable} jumps {where}"
-        return f"no shape of {self.cable} was found {where}"
-
-    def _stretches(self) -> list[tuple[int, int]]:
-        """Return the first and last frame of each run of frames across which the motion is smooth."""
-        kinks = np.flatnonzero(np.isin(self.times, self._turns))
-        cuts = {0, len(self.times) - 1, *kinks}
-        for k in np.flatnonzero(self.broken):
-            cuts |= {int(k), int(k) + 1}
-        edges = sorted(int(cut) for cut in cuts)
-        return [(a, b) for a, b in itertools.pairwise(edges) if not (b == a + 1 and self.broken[a])]
+    def _take(self) -> None:
+        """Copy the frames, into the body's coordinates, and find their cubics."""
+        self.times, self.position, self.tangent = self.frames.times, self.frames.position, self.frames.tangent
+        if self._poses is not None:
+            position, quaternion = self._poses(self.times)
+            back = rotations.conjugate(quaternion)[:, None]
+            self.position = rotations.rotate(back, self.position - position[:, None])
+            self.tangent = rotations.rotate(back, self.tangent)
+        self._prepare()
 
     def _prepare(self) -> None:
         """Find the cubics of all intervals and their bounds."""
         count = len(self.times) - 1
         step = np.diff(self.times)
-        self.broken = np.zeros(count, dtype=bool)
-        for values in (self._jumps, self.lost):
-            self.broken[self.interval(values)] = len(self.times) > 1
-        self.broken |= step < SHORTEST
+        self.broken = self.frames.broken
+        self._trust = self._raised[self._given(0.5 * (self.times[1:] + self.times[:-1]))]
         self._nodes = np.zeros((count, NODES), dtype=np.int64)
         known = np.zeros(count, dtype=bool)
-        for first, last in self._stretches():
+        for first, last in self.frames.stretches():
             inside = np.arange(first, last)
             begin = np.clip(inside - 1, first, max(first, last - NODES + 1))
             self._nodes[inside] = np.minimum(begin[:, None] + np.arange(NODES), last)
@@ -184,13 +156,15 @@ class MovingCurve:
         self._basis[known] = np.linalg.inv(self._places[known][:, :, None] ** np.arange(NODES))
         self._straighten(~known)
         self._bounds()
-        way = lengths(np.diff(self.position, axis=0)).max(axis=1)
-        rough = known & (self.deviation > self.trust * way) & (way > ROUNDING * self.s[-1])
+        way, tilt = (lengths(np.diff(values, axis=0)) for values in (self.position, self.tangent))
+        way, tilt = np.maximum(way[:, 1:], way[:, :-1]), np.maximum(tilt[:, 1:], tilt[:, :-1])
+        trust = self._trust[:, None]
+        most = trust[:, 0] * np.maximum(way.max(axis=1), ROUNDING * self.s[-1])
+        rough = known & (self.deviation.max(axis=1) > most)
         if np.any(rough):
             self._straighten(rough)
             self._bounds()
-        tilt = lengths(np.diff(self.tangent, axis=0)).max(axis=1)
-        self.deviation[rough], self.turn_deviation[rough] = self.trust * way[rough], self.trust * tilt[rough]
+            self.deviation[rough], self.turn_deviation[rough] = (trust * way)[rough], (trust * tilt)[rough]
         unknown = self.broken | ~known
         self.deviation[unknown] = self.turn_deviation[unknown] = np.inf
 
@@ -218,8 +192,8 @@ class MovingCurve:
         """Bound the cubics' derivatives over intervals and arcs, and estimate how far off they are.
 
         Sets ``speed`` and ``acceleration``, m per interval and per interval squared, ``bend``, 1/m, all
-        (P - 1, N - 1), and ``turn_acceleration``, that of ``r_s``; ``deviation``, m, ``turn_deviation``, that of
-        ``r_s``, and ``stretch``, by how much ``|r_s|`` differs from 1, (P - 1,).
+        (P - 1, N - 1), and ``turn_acceleration``, that of ``r_s``; ``deviation``, m, and ``turn_deviation``, that of
+        ``r_s``, too; and ``stretch``, by how much ``|r_s|`` differs from 1, (P - 1,).
         """
         h = np.diff(self.s)
         nodes = self._nodes
@@ -260,6 +234,19 @@ class MovingCurve:
         for left_out in range(NODES):
             others = np.delete(gaps, left_out, axis=2).prod(axis=2).max(axis=1)
             change = np.maximum(change, np.where(outer[:, left_out], others, 0.0))
-        third, turn = largest(r[:, 3], u[:, 3]).max(axis=1), steepest(r[:, 3], u[:, 3]).max(axis=1)
-        self.deviation = self.trust * np.maximum(third * change, ROUNDING * self.s[-1])
-        self.turn_deviation = self.trust * np.maximum(turn * change, ROUNDING)
+        cubes = np.diff(self.times)[:, None] ** 3
+        third, turn = (
+            _neighbours(values / cubes) * cubes * change[:, None]
+            for values in (largest(r[:, 3], u[:, 3]), steepest(r[:, 3], u[:, 3]))
+        )
+        trust = self._trust[:, None]
+        self.deviation = trust * np.maximum(
+            third, np.maximum(LEAST * third.max(axis=1), ROUNDING * self.s[-1])[:, None]
+        )
+        self.turn_deviation = trust * np.maximum(turn, ROUNDING)
+
+
+def _neighbours(values: Array) -> Array:
+    """Return the largest of each row's and its neighbours' values (k, n): one alone can vanish by chance."""
+    padded = np.pad(values, ((1, 1), (0, 0)), mode="edge")
+    return np.maximum(np.maximum(padded[:-2], padded[2:]), values)

@@ -20,7 +20,7 @@ from . import rotations
 from .body_motion import Rates
 from .centreline import Curve
 from .clearance_search import Certificate, Task, Witnesses
-from .moving_curve import MovingCurve
+from .moving_curve import MovingCurve, Poses
 from .part_clearance import survey
 from .part_geometry import Geometry
 from .rotations import Array
@@ -36,15 +36,15 @@ class Seen:
     """A moving centreline, and the body it is seen from.
 
     Args:
-        curve: in the world.
+        curve: in the world, or in the body's coordinates; then the body stands still.
         poses: motion values (k,) to the body's positions (k, 3) and quaternions (k, 4).
         rates: motion values (k,), (k,) to how fast the body moves between them.
-        clamps: for start and end the same as ``curve.at`` of a clamp, motion values (k,) to (k, 3), m, in the world;
-            None where no clamp holds the end in place.
+        clamps: of start and end, motion values (k,) to places (k, 3), m, in the body's coordinates; None where no
+            clamp holds the end in place.
     """
 
     curve: MovingCurve
-    poses: Callable[[Array], tuple[Array, Array]]
+    poses: Poses
     rates: Callable[[Array, Array], Rates]
     clamps: tuple[Callable[[Array], Array] | None, Callable[[Array], Array] | None]
 
@@ -91,7 +91,7 @@ class Seen:
             if clamp is None:
                 nearest.append(-math.inf)
                 continue
-            points = self.points(at, clamp(at))
+            points = clamp(at)
             step = BENT * lengths(np.diff(points, axis=0)).max()
             nearest.append(float(geometry.signed_distance(points)[0].min()) - 0.5 * step)
         from_start, from_end = nearest
@@ -178,7 +178,7 @@ class PartSearch(Search):
 
     def _doubt(self, cells: Cells) -> Array:
         """Return how far the shapes may be from the surface on cells (k,), m."""
-        return self._curve.deviation[self._curve.interval(cells.middle)]
+        return self._curve.deviation[self._curve.interval(cells.middle), self._curve.arc(cells.arcs.mean(axis=1))]
 
     def _strays(self, cells: Cells) -> Array:
         """Return how far the surface strays from the patches of cells (k,), m."""

@@ -108,7 +108,6 @@ class Search(abc.ABC):
     def __init__(self, task: Task, curves: Sequence[MovingCurve], start: Certificate):
         self.task, self.curves = task, curves
         self._best, self._at = start.place, start.motion
-        self._given = len(self.times)
 
     @abc.abstractmethod
     def first_cells(self) -> tuple[Cells, float]:
@@ -152,6 +151,7 @@ class Search(abc.ABC):
         """Search, and return what was found."""
         for curve in self.curves:
             curve.complete()
+        self._given = len(self.times)
         for _ in range(ATTEMPTS):
             bound = self._run()
             if bound is not None:
@@ -234,7 +234,7 @@ class Search(abc.ABC):
     def _unchecked(self, lowest: list[tuple[float, float, Array]]) -> Cells:
         """Return the intervals with the worst and with the lowest bounds, none of whose ends was solved in between."""
         times = self.times
-        given = np.isin(times, self.curves[0].given)
+        given = np.isin(times, self.curves[0].frames.given)
         place = self._best
         here = np.repeat([place.arc_length[0], place.other_arc_length[0]][: len(self.curves)], 2)
         chosen = {max(int(np.searchsorted(times, self._at)) - 1, 0): here}
@@ -251,5 +251,5 @@ class Search(abc.ABC):
         for curve in self.curves:
             for k in np.flatnonzero(curve.broken):
                 if self.reach(float(curve.times[k]), float(curve.times[k + 1])) < self.floor:
-                    reasons.append(curve.why_broken(int(k)))
+                    reasons.append(curve.frames.why_broken(int(k)))
         return list(dict.fromkeys(reasons))
