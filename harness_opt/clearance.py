@@ -44,7 +44,8 @@ class Options:
     """How hard to look.
 
     Args:
-        tolerance: to which the smallest clearance is wanted, m; None takes 1 % of the cable's diameter.
+        tolerance: to which the smallest clearance is wanted, m; None takes 1 % of the cable's diameter, and 5 % of
+            the clearance of what stays more than ten diameters above ``reach``.
         reach: witnesses are kept up to this much above the limit, m; None takes the cable's diameter.
         most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
             larger.
@@ -63,7 +64,8 @@ class PairClearance:
         cable: its name.
         obstacle: name of the part, or "cable:NAME" of another cable or of the same one.
         limit: m, or None.
-        nearest: the smallest clearance of each frame, P witnesses in order.
+        nearest: the smallest clearance of each frame, P witnesses in order; of a part far away in all of them, one
+            close to it.
         witnesses: the local minima along the cable that lie less than ``reach`` above the limit, by frame.
         place: the one witness with the smallest clearance of all solved frames, those solved in between included;
             its frame is the nearest of the P.
@@ -213,11 +215,12 @@ def measure(
                 why = f"all of it lies within {sum(excluded):.3g} m of its clamps on {geometry.body}"
                 left_out.append(f"clearance of {own.cable} to {name}: {why}")
                 continue
-            pair = _pair(given, task, name, against_part(task, geometry, excluded))
+            found = against_part(task, geometry, excluded)
+            pair = _pair(given, task, name, found)
             pair = replace(pair, excluded=excluded, closed=geometry.closed)
-            if views is not None and task.limit is not None:
+            if views is not None and task.limit is not None and found.lower is not None:
                 view, arcs = views.seen(own.cable, geometry.body), places(task.curve.s, excluded)
-                search = PartSearch(task, view, geometry, arcs, pair.start)
+                search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
                 pair = _certified(pair, motion, search.certificate())
             pairs.append(_in_world(pair, problem, geometry.body, motion))
         if problem.limits.clearance is None:
@@ -293,6 +296,7 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
         error=cubic_error(shapes),
         tolerance=0.01 * cable.diameter if options.tolerance is None else options.tolerance,
         reach=cable.diameter if options.reach is None else options.reach,
+        strict=options.tolerance is not None,
         most_queries=options.most_queries,
     )
 
@@ -322,7 +326,8 @@ def _pair(given: Motion, task: Task, obstacle: str, found: Found) -> PairClearan
         met = witnesses.other_arc_length - witnesses.arc_length > gap
         witnesses = witnesses.take(met | (witnesses.clearance < (task.limit or 0.0)))
     witnesses = witnesses.take(witnesses.clearance < task.horizon)
-    sure = bool(found.bound >= np.min(nearest.clearance) - task.tolerance * (1 + 1e-9))
+    least = float(np.min(nearest.clearance))
+    sure = found.bound >= least - task.tolerance_at(least) * (1 + 1e-9)
     frame = int(np.argmin(nearest.clearance))
     still = not given.problem.moves
     return PairClearance(

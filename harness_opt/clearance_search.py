@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ from .centreline import Curve
 from .rotations import Array
 from .vectors import Indices
 
+FAR = 20.0  # radii of the cable beyond the horizon: from there on a part is far away
+FAR_SHARE = 0.05  # of the clearance of what is far away: to this it is wanted
 LONG = "the search was longer than allowed"
 
 
@@ -57,6 +60,7 @@ class Task:
         error: of the cubics of ``curve``, m.
         tolerance, reach, most_queries: as in :class:`harness_opt.clearance.Options`, m.
         limit: m, or None.
+        strict: whether the tolerance holds for what is far away too.
     """
 
     cable: str
@@ -67,11 +71,21 @@ class Task:
     reach: float
     most_queries: int
     limit: float | None = None
+    strict: bool = False
 
     @property
     def horizon(self) -> float:
         """The clearance below which witnesses are wanted, m."""
         return (self.limit or 0.0) + self.reach
+
+    @property
+    def far(self) -> float:
+        """The clearance beyond which a part is far away, m."""
+        return math.inf if self.strict else self.horizon + FAR * self.radius
+
+    def tolerance_at(self, clearance: float) -> float:
+        """Return the tolerance to which a smallest clearance is wanted, m."""
+        return self.tolerance if clearance <= self.far else max(self.tolerance, FAR_SHARE * clearance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +96,13 @@ class Found:
         samples: in no order.
         minima: (k,), the numbers of those that are local minima along the cable.
         bound: no point of the centreline has a smaller clearance, m.
+        lower: of a part, bounds below the clearances (P, M) at the places looked at first, m; None for cables.
     """
 
     samples: Witnesses
     minima: Indices
     bound: float
+    lower: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

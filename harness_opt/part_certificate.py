@@ -112,20 +112,35 @@ class PartSearch(Search):
         geometry: the part.
         arcs: (M,), between which the cable counts, m, as in :func:`harness_opt.part_clearance.places`.
         start: the smallest clearance of the frames known so far, in the part's coordinates.
+        lower: bounds (P, M) below the clearances at ``arcs`` in the frames of the simulation, m.
     """
 
-    def __init__(self, task: Task, seen: Seen, geometry: Geometry, arcs: Array, start: Certificate):
+    def __init__(self, task: Task, seen: Seen, geometry: Geometry, arcs: Array, start: Certificate, lower: Array):
         super().__init__(task, (seen.curve,), start)
         self._seen, self._geometry, self._arcs, self._curve = seen, geometry, arcs, seen.curve
+        self._lower = lower
 
     def first_cells(self) -> tuple[Cells, float]:
         """See :meth:`Search.first_cells`: between stations and frames, by balls round the four corners."""
         curve, arcs = self._curve, self._arcs
         frames = np.arange(len(curve.times))
         seen = self._seen.frames(frames)
-        _, lower, _ = survey(self.task, seen, self._geometry, arcs, -math.inf)
+        lower = np.empty((len(frames), len(arcs)))
+        new = np.flatnonzero(~np.isin(curve.times, curve.frames.given))
+        lower[np.setdiff1d(frames, new)] = self._lower
+        if len(new):
+            lower[new] = survey(self.task, self._seen.frames(new), self._geometry, arcs, -math.inf)[1]
         y = seen.at(np.repeat(frames, len(arcs)), np.tile(arcs, len(frames))).reshape(len(frames), len(arcs), 3)
-        interval, arc = np.nonzero(~curve.broken[:, None] & np.ones(len(arcs) - 1, dtype=bool))
+        # whole intervals first: nothing in one is further from a place that was looked at than half the ways
+        ways = 0.5 * lengths(np.diff(y, axis=0)).max(axis=1) + 0.5 * np.diff(arcs).max()
+        step = np.diff(curve.times)
+        off = 0.125 * (
+            step**2 * self._seen.acceleration().max(axis=1) + np.diff(arcs).max() ** 2 * curve.bend.max(axis=1)
+        )
+        all_of = np.minimum(lower[1:], lower[:-1]).min(axis=1) - ways - off - curve.error - curve.deviation.max(axis=1)
+        near = ~curve.broken & (all_of < self.floor)
+        settled = float(all_of[~curve.broken & ~near].min(initial=math.inf))
+        interval, arc = np.nonzero(near[:, None] & np.ones(len(arcs) - 1, dtype=bool))
         both = np.column_stack([arcs[arc], arcs[arc + 1]])
         cells = Cells(curve.times[interval], curve.times[interval + 1], both)
         corners = [(interval + i, arc + j) for i in (0, 1) for j in (0, 1)]
@@ -135,7 +150,7 @@ class PartSearch(Search):
         off = self._strays(cells) + curve.error + self._doubt(cells)
         bound = at_middle - np.max(ways, axis=0) - off
         loose = bound < self.floor
-        return cells.take(loose), float(bound[~loose].min(initial=math.inf))
+        return cells.take(loose), min(settled, float(bound[~loose].min(initial=math.inf)))
 
     def bounds(self, cells: Cells) -> Bounds:
         """See :meth:`Search.bounds`."""

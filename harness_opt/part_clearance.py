@@ -39,7 +39,7 @@ def against_part(task: Task, geometry: Geometry, excluded: tuple[float, float]) 
     arcs = places(task.curve.s, excluded)
     samples, lower, minima = survey(task, task.curve, geometry, arcs, task.horizon)
     bound = _certify(samples, arcs, lower, task)
-    return Found(samples.all(), minima, bound)
+    return Found(samples.all(), minima, bound, lower)
 
 
 def places(s: Array, excluded: tuple[float, float]) -> Array:
@@ -50,6 +50,8 @@ def places(s: Array, excluded: tuple[float, float]) -> Array:
 
 def survey(task: Task, curve: Curve, geometry: Geometry, arcs: Array, horizon: float) -> tuple[Samples, Array, Indices]:
     """Return what is nearest in each frame of ``curve``, and what lies below ``horizon``.
+
+    Of a part whose box is far away from all frames, one place a frame is asked, that nearest to the box.
 
     Args:
         task: the cable.
@@ -65,6 +67,10 @@ def survey(task: Task, curve: Curve, geometry: Geometry, arcs: Array, horizon: f
     frames = np.arange(len(curve.position))
     points = curve.at(np.repeat(frames, len(arcs)), np.tile(arcs, len(frames)))
     lower = geometry.lower_bound(points).reshape(len(frames), len(arcs)) - task.radius
+    if lower.min() > task.far:  # one place a frame will do
+        nearest = np.argmin(lower, axis=1)
+        lower[frames, nearest], minima = samples(frames, arcs[nearest])
+        return samples, lower, minima
     lower, index = _ask_stations(samples, arcs, lower, horizon)
     return samples, lower, _polish(samples, arcs, lower, index, horizon)
 
@@ -170,7 +176,7 @@ def _certify(samples: Samples, arcs: Array, lower: Array, task: Task) -> float:
     at_a, at_b = lower[:, :-1].ravel(), lower[:, 1:].ravel()
     settled, budget = math.inf, task.most_queries
     while True:
-        floor = samples.best - task.tolerance
+        floor = samples.best - task.tolerance_at(samples.best)
         bound = 0.5 * (at_a + at_b - (b - a))
         loose = np.flatnonzero(bound < floor)
         loose = loose[np.argsort(bound[loose], kind="stable")][:budget]

@@ -139,9 +139,14 @@ class Search(abc.ABC):
         return np.unique(np.concatenate([curve.times for curve in self.curves]))
 
     @property
+    def tolerance(self) -> float:
+        """To which the smallest clearance is wanted, m."""
+        return self.task.tolerance_at(float(self._best.clearance[0]))
+
+    @property
     def floor(self) -> float:
         """What a bound has to reach, m."""
-        return float(self._best.clearance[0]) - self.task.tolerance
+        return float(self._best.clearance[0]) - self.tolerance
 
     def known(self, at: Array) -> NDArray[np.bool_]:
         """Return whether the shapes are known around motion values (k,)."""
@@ -160,11 +165,13 @@ class Search(abc.ABC):
 
     def _finished(self, bound: float) -> Certificate:
         """Return what was found, with the reason why it is no certificate, if it is none."""
-        reasons = self._unknown()
+        reasons, reach = self._unknown()
         if bound == -math.inf:
             reasons = ["between frames the shapes stray further from smooth curves than was estimated"]
+        if not reasons:
+            bound = min(bound, reach)
         best = float(self._best.clearance[0])
-        if not reasons and bound < best - self.task.tolerance * (1 + 1e-9):
+        if not reasons and bound < best - self.tolerance * (1 + 1e-9):
             reasons = [LONG]
         return Certificate(self._best, self._at, min(bound, best), "; ".join(reasons))
 
@@ -181,7 +188,7 @@ class Search(abc.ABC):
             settled = min(settled, float(sure[done].min(initial=math.inf)))
             low = np.argsort(np.where(done, sure, math.inf))[: min(CHECKS, int(done.sum()))]
             lowest += [(float(sure[i]), float(cells.middle[i]), cells.arcs[i]) for i in low]
-            waiting = ~done & (found.low >= self.floor) & (found.doubt > FINE * self.task.tolerance)
+            waiting = ~done & (found.low >= self.floor) & (found.doubt > FINE * self.tolerance)
             wanted = self._wanted(cells, found, ~done, waiting)
             split = cells.take(~done & ~waiting)
             cells = Cells.joined([cells.take(waiting), split.halved(self.longest(split))])
@@ -194,6 +201,8 @@ class Search(abc.ABC):
         if len(cells.first):
             found = self.bounds(cells)
             return min(settled, float((found.low - found.doubt).min()))
+        if self._best.clearance[0] > self.task.far:  # frames solved for what is near check the estimate
+            return settled
         checks = self._unchecked(lowest)
         return None if len(checks.first) and self._insert(checks) else settled
 
@@ -203,7 +212,7 @@ class Search(abc.ABC):
         k, first = np.unique(np.searchsorted(times, cells.middle[waiting]) - 1, return_index=True)
         wanted = Cells(times[k], times[k + 1], cells.arcs[waiting][first])
         best = float(self._best.clearance[0])
-        low = np.where(undone & (found.middle < best - LOW * self.task.tolerance), found.middle, np.inf)
+        low = np.where(undone & (found.middle < best - LOW * self.tolerance), found.middle, np.inf)
         if np.isfinite(low.min(initial=math.inf)):
             lowest = cells.take(np.array([np.argmin(low)]))
             other = k != np.searchsorted(times, lowest.middle) - 1
@@ -245,11 +254,16 @@ class Search(abc.ABC):
         cells = Cells(times[k], times[k + 1], arcs)
         return cells.take(given[k] & given[k + 1] & self.known(cells.middle))
 
-    def _unknown(self) -> list[str]:
-        """Return where shapes are not known and could come nearer than anything found, a sentence each."""
-        reasons = []
+    def _unknown(self) -> tuple[list[str], float]:
+        """Return where shapes are not known and could come nearer than anything found, a sentence each.
+
+        And the bound, m, that holds wherever they are not known.
+        """
+        reasons, lowest = [], math.inf
         for curve in self.curves:
             for k in np.flatnonzero(curve.broken):
-                if self.reach(float(curve.times[k]), float(curve.times[k + 1])) < self.floor:
+                reach = self.reach(float(curve.times[k]), float(curve.times[k + 1]))
+                lowest = min(lowest, reach)
+                if reach < self.floor:
                     reasons.append(curve.frames.why_broken(int(k)))
-        return list(dict.fromkeys(reasons))
+        return list(dict.fromkeys(reasons)), lowest

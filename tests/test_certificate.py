@@ -235,7 +235,7 @@ def test_a_snap_is_no_certificate_unless_the_part_is_out_of_reach(rng):
     story, motion = Story(rng), np.linspace(0, 1, 9)
     run = CableRun(Cable(LENGTH, DIAMETER, 1e-3, 1e-3), End(position=(0, 0, 0)), End(position=(0, 0, 0.1), body="arm"))
     arm = {"arm": Body(Slide((0, 0, 1), 0.0, 0.1))}
-    parts = {"near": Part(Sphere(0.02)), "far": Part(Sphere(0.02), position=(0, 0.8, 0))}
+    parts = {"near": Part(Sphere(0.02)), "far": Part(Sphere(0.02), position=(0, 4.0, 0))}
     problem = Problem({"lead": run}, arm, parts, limits=Limits(clearance=0.004))
     between = Between(story.solve, (Snap("lead", 4, 0.4),))
     near, far, itself = measure(
@@ -245,10 +245,27 @@ def test_a_snap_is_no_certificate_unless_the_part_is_out_of_reach(rng):
         assert not pair.certified
         assert "snaps between frames 3 and 4" in pair.reason
     # from the other side of the room no cable of this length gets there, however it jumps
-    assert far.worst - far.lower_bound <= TOLERANCE * (1 + 1e-6)
-    reach = np.hypot(0.8, 0.05) - 0.02 - DIAMETER / 2 - LENGTH / 2
-    assert far.certified == (far.worst - TOLERANCE < reach)
+    assert far.certified
+    assert far.lower_bound <= np.hypot(4.0, 0.05) - 0.02 - DIAMETER / 2 - LENGTH / 2
     assert not any(0.375 < t < 0.5 for t in story.asked)
+
+
+def test_what_is_far_away_is_certain_to_a_share_of_its_clearance(rng):
+    """Unless a tolerance is given; then that holds however far it is."""
+    story, motion = Story(rng), np.linspace(0, 1, 7)
+    part = Part(SHAPES["box"], "arm", position=(0.6, 0.1, 0.2), clearance=0.004)
+    problem = Problem(runs(), {"arm": Body(Hinge((0, 0, 0), (0, 0, 1), 0.0, 1.0))}, {"part": part})
+    scene, given = load_scene(problem), {"lead": story.shapes(motion)}
+    dense, _ = _dense(problem, scene, story, "part")
+    coarse, strict = (
+        measure(problem, scene, motion, given, options, between=Between(story.solve)).pairs[0]
+        for options in (None, Options(tolerance=TOLERANCE))
+    )
+    for pair, tolerance in ((coarse, 0.05 * coarse.worst), (strict, TOLERANCE)):
+        assert pair.certified
+        assert pair.lower_bound <= dense <= pair.worst + 1e-3
+        assert pair.tolerance <= tolerance * (1 + 1e-6)
+    assert coarse.tolerance > strict.tolerance
 
 
 def test_shapes_that_are_not_found_are_admitted(rng):
