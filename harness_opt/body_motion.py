@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,32 @@ from .rotations import Array
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import RotationSpline
+
+RATE_SAMPLES = 2001  # of a tabulated motion, beside its own times, where its rates are looked up
+RATE_MARGIN = 1.1  # angular acceleration is not linear between those samples; sizes and angles there are
+
+
+@dataclass(frozen=True, eq=False)
+class Rates:
+    """Bounds on how fast a body moves over k stretches of its motion, per unit of ``motion``.
+
+    Args:
+        centre: (k, 3), world, m, of one and the same point of the body, in the middle of the stretch.
+        speed, acceleration: of that point, (k,), m and m per motion squared.
+        turning, turning_change: angular speed and acceleration, (k,), rad and rad per motion squared.
+    """
+
+    centre: Array
+    speed: Array
+    acceleration: Array
+    turning: Array
+    turning_change: Array
+
+    @staticmethod
+    def steady(centre: ArrayLike, count: int, speed: float = 0.0, turning: float = 0.0) -> Rates:
+        """Return the rates of ``count`` stretches of a motion that neither speeds up nor turns its axis."""
+        none = np.zeros(count)
+        return Rates(np.tile(np.asarray(centre, dtype=float), (count, 1)), none + speed, none, none + turning, none)
 
 
 @dataclass(frozen=True)
@@ -47,6 +73,10 @@ class Hinge:
         point = np.asarray(self.point)
         return point - rotations.rotate(q, point), q
 
+    def rates(self, first: Array, last: Array) -> Rates:
+        """Return the exact rates from ``first`` (k,) to ``last`` (k,), about the line that stands still."""
+        return Rates.steady(self.point, len(first), turning=abs(self.stop - self.start))
+
 
 @dataclass(frozen=True)
 class Slide:
@@ -70,6 +100,11 @@ class Slide:
         travel = self.start + np.atleast_1d(motion) * (self.stop - self.start)
         position = travel[:, None] * rotations.normalise(self.direction)
         return position, np.tile(rotations.IDENTITY, (len(travel), 1))
+
+    def rates(self, first: Array, last: Array) -> Rates:
+        """Return the exact rates from ``first`` (k,) to ``last`` (k,)."""
+        steady = Rates.steady(np.zeros(3), len(first), speed=abs(self.stop - self.start))
+        return replace(steady, centre=self.poses(0.5 * (first + last))[0])
 
 
 @dataclass(frozen=True)
@@ -104,6 +139,40 @@ class Poses:
         at = self.times[0] + np.atleast_1d(motion) * (self.times[-1] - self.times[0])
         position, rotation = self._splines
         return position(at), np.roll(rotation(at).as_quat(), 1, axis=1)
+
+    def rates(self, first: Array, last: Array) -> Rates:
+        """Return bounds on the rates from ``first`` (k,) to ``last`` (k,), about the body's origin.
+
+        The origin's acceleration is linear between the table's times, so it is largest at one of them; speeds are
+        sampled, and raised by what they can grow between two samples. Angular acceleration alone is sampled and
+        raised by RATE_MARGIN.
+        """
+        grid, values = self._sampled_rates
+        # the samples around each stretch, one to either side of it
+        low = np.maximum(np.searchsorted(grid, first, side="right") - 1, 0)
+        high = np.minimum(np.searchsorted(grid, last), len(grid) - 1)
+        most = [[float(v[i : j + 1].max()) for i, j in zip(low, high, strict=True)] for v in values]
+        speed, acceleration, turning, change = np.array(most)
+        gap = float(np.diff(grid).max())
+        change = RATE_MARGIN * change
+        return Rates(
+            self.poses(0.5 * (first + last))[0],
+            speed + 0.5 * gap * acceleration,
+            acceleration,
+            turning + 0.5 * gap * change,
+            change,
+        )
+
+    @functools.cached_property
+    def _sampled_rates(self) -> tuple[Array, Array]:
+        """Motion values (n,), and there the origin's speed and acceleration, and the angular ones, (4, n)."""
+        span = self.times[-1] - self.times[0]
+        grid = np.union1d(np.linspace(0.0, 1.0, RATE_SAMPLES), (np.asarray(self.times) - self.times[0]) / span)
+        at = self.times[0] + grid * span
+        position, rotation = self._splines
+        rates = [position(at, 1), position(at, 2), rotation(at, 1), rotation(at, 2)]
+        scales = [span, span**2, span, span**2]
+        return grid, np.array([k * np.linalg.norm(rate, axis=1) for k, rate in zip(scales, rates, strict=True)])
 
     @functools.cached_property
     def _splines(self) -> tuple[CubicSpline, RotationSpline]:

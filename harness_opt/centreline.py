@@ -38,11 +38,8 @@ class Curve:
         Its error between stations h apart is ``(h / 2)^4 / 4!`` times the fourth derivative at most.
         """
         j, h, x = self._place(s)
-        y = 1.0 - x
         p, q = self.position[frame, j], self.position[frame, j + 1]
-        u, v = self.tangent[frame, j], self.tangent[frame, j + 1]
-        ends = (y * y * (1 + 2 * x))[:, None] * p + (x * x * (1 + 2 * y))[:, None] * q
-        return ends + (h * x * y)[:, None] * (y[:, None] * u - x[:, None] * v)
+        return hermite(h, x, p, q, self.tangent[frame, j], self.tangent[frame, j + 1])
 
     def slope(self, frame: Indices, s: Array) -> Array:
         """Return the derivatives (k, 3) of :meth:`at` along the arc; unit vectors up to third order."""
@@ -63,6 +60,13 @@ class Curve:
         j = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         h = self.s[j + 1] - self.s[j]
         return j, h, (s - self.s[j]) / h
+
+
+def hermite(h: Array, x: Array, p: Array, q: Array, u: Array, v: Array) -> Array:
+    """Return points (k, 3) at shares ``x`` (k,) of cubics from p to q (k, 3) with slopes u and v over ``h`` (k,)."""
+    y = 1.0 - x
+    ends = (y * y * (1 + 2 * x))[:, None] * p + (x * x * (1 + 2 * y))[:, None] * q
+    return ends + (h * x * y)[:, None] * (y[:, None] * u - x[:, None] * v)
 
 
 def closest_on_segments(p: Array, u: Array, q: Array, v: Array) -> tuple[Array, Array]:

@@ -5,7 +5,9 @@ itself, the distance of the two centrelines, less both radii. Negative is penetr
 
 How they are found stands in ``part_clearance.py`` and ``cable_clearance.py``. Both make the smallest
 clearance of the solved frames certain along the whole cable; what the curve between stations misses is
-estimated from the curvatures and added to the tolerance. Between frames nothing is certain yet.
+estimated from the curvatures and added to the tolerance. ``part_certificate.py`` and ``cable_certificate.py``
+make the smallest clearance certain between the frames too, for pairs that have a limit, where ``measure`` is told
+how to solve more frames; ``moving_curve.py`` says what of that is proven and what is estimated.
 
 Near a clamp the cable leaves the very body that holds it: along ``2 (limit + radius)`` from that end, parts
 of that body do not count. The result says how long these stretches are.
@@ -13,23 +15,28 @@ of that body do not count. The result says how long these stretches are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import rotations
+from .cable_certificate import CableSearch
 from .cable_clearance import CurvePair, against_cable, least_gap
 from .centreline import Curve, cubic_error
-from .clearance_search import Found, Task, Witnesses
-from .part_clearance import against_part
-from .problem import Problem
-from .results import CableMotion, LimitResult
+from .clearance_search import LONG, Certificate, Found, Task, Witnesses
+from .moving_curve import MovingCurve
+from .part_certificate import PartSearch, Seen
+from .part_clearance import against_part, places
+from .problem import WORLD, Body, End, Problem
+from .results import CableMotion, LimitResult, Motion, Snap
 from .rotations import Array
 from .scene import Scene
+from .solved_frames import Solve, SolvedFrames
 
-__all__ = ["ClearanceResult", "Curve", "Options", "PairClearance", "Witnesses", "measure"]
+__all__ = ["Between", "ClearanceResult", "Curve", "Options", "PairClearance", "Witnesses", "measure"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,8 @@ class Options:
     """How hard to look.
 
     Args:
-        tolerance: to which the smallest clearance is wanted, m; None takes 1 % of the cable's diameter.
+        tolerance: to which the smallest clearance is wanted, m; None takes 1 % of the cable's diameter, and 5 % of
+            the clearance of what stays more than ten diameters above ``reach``.
         reach: witnesses are kept up to this much above the limit, m; None takes the cable's diameter.
         most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
             larger.
@@ -56,11 +64,17 @@ class PairClearance:
         cable: its name.
         obstacle: name of the part, or "cable:NAME" of another cable or of the same one.
         limit: m, or None.
-        nearest: the smallest clearance of each frame, P witnesses in order.
+        nearest: the smallest clearance of each frame, P witnesses in order; of a part far away in all of them, one
+            close to it.
         witnesses: the local minima along the cable that lie less than ``reach`` above the limit, by frame.
-        lower_bound: no point of the cable, at the solved frames, has a smaller clearance, m.
-        certified_along_arc: whether that bound is as close to :attr:`worst` as was asked.
-        certified: the same, and nothing moves between the frames.
+        place: the one witness with the smallest clearance of all solved frames, those solved in between included;
+            its frame is the nearest of the P.
+        motion: where it stands, 0 to 1.
+        lower_bound: no point of the cable has a smaller clearance, m: in the P frames, or through the whole motion
+            where that was looked at.
+        certified_along_arc: whether the P frames hold nothing worse than their smallest by more than was asked.
+        certified: whether the whole motion holds nothing worse than :attr:`worst` by more than was asked.
+        reason: why not, where it is not.
         excluded: lengths from start and end that do not count, m.
         closed: False where the obstacle is a shell without an inside, so that a cable inside would go unseen.
     """
@@ -70,11 +84,19 @@ class PairClearance:
     limit: float | None
     nearest: Witnesses
     witnesses: Witnesses
+    place: Witnesses
+    motion: float
     lower_bound: float
     certified_along_arc: bool
     certified: bool
+    reason: str
     excluded: tuple[float, float]
     closed: bool
+
+    @property
+    def start(self) -> Certificate:
+        """What the P frames alone say of the motion."""
+        return Certificate(self.place, self.motion, self.lower_bound, self.reason)
 
     @property
     def clearance(self) -> Array:
@@ -83,17 +105,22 @@ class PairClearance:
 
     @property
     def frame(self) -> int:
-        """The frame with the smallest clearance."""
-        return int(np.argmin(self.clearance))
+        """The frame with the smallest clearance, or the nearest one to where that is."""
+        return int(self.place.frame[0])
+
+    @property
+    def arc_length(self) -> float:
+        """Where along the cable the smallest clearance is, m."""
+        return float(self.place.arc_length[0])
 
     @property
     def worst(self) -> float:
-        """The smallest clearance of all frames, m."""
-        return float(self.clearance[self.frame])
+        """The smallest clearance of all solved frames, m."""
+        return float(self.place.clearance[0])
 
     @property
     def tolerance(self) -> float:
-        """By how much, at most, a point between stations can be worse than :attr:`worst`, m."""
+        """By how much, at most, what lies between can be worse than :attr:`worst`, m."""
         return self.worst - self.lower_bound
 
 
@@ -105,11 +132,13 @@ class ClearanceResult:
         motion: (P,), 0 to 1, of the frames.
         pairs: one for each cable and obstacle.
         left_out: what was not measured and why, a sentence each.
+        inserted: how many frames were solved between the others to be certain, by cable.
     """
 
     motion: Array
     pairs: tuple[PairClearance, ...]
     left_out: tuple[str, ...] = ()
+    inserted: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def limits(self) -> tuple[LimitResult, ...]:
@@ -122,15 +151,29 @@ class ClearanceResult:
                 margin=pair.worst - pair.limit,
                 cable=pair.cable,
                 frame=pair.frame,
-                motion=float(self.motion[pair.frame]),
-                arc_length=float(pair.nearest.arc_length[pair.frame]),
+                motion=pair.motion,
+                arc_length=pair.arc_length,
                 part=pair.obstacle,
                 certified=pair.certified,
                 tolerance=pair.tolerance,
+                reason=pair.reason,
             )
             for pair in self.pairs
             if pair.limit is not None
         )
+
+
+@dataclass(frozen=True)
+class Between:
+    """What is needed to be certain between frames.
+
+    Args:
+        solve: finds shapes there.
+        snaps: of the cables.
+    """
+
+    solve: Solve
+    snaps: tuple[Snap, ...] = ()
 
 
 def measure(
@@ -139,6 +182,7 @@ def measure(
     motion: ArrayLike,
     cables: Mapping[str, CableMotion],
     options: Options | None = None,
+    between: Between | None = None,
 ) -> ClearanceResult:
     """Return the clearances of ``cables`` to all parts and, where ``limits.clearance`` is given, to cables.
 
@@ -151,14 +195,16 @@ def measure(
         motion: (P,), 0 to 1, of the frames.
         cables: the shapes in these frames, by name.
         options: how hard to look.
+        between: to be certain between the frames; None looks at the frames alone.
     """
     motion = np.atleast_1d(np.asarray(motion, dtype=float))
     if not len(motion):
         return ClearanceResult(motion, (), ("clearance: no frame was solved",))
+    given = Motion(problem, motion, cables)
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
+    views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
     pairs: list[PairClearance] = []
     left_out: list[str] = []
-    still = not problem.moves
     poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
     for number, own in enumerate(tasks):
         seen = {body: own.curve.seen_from(*pose) for body, pose in poses.items()}
@@ -170,20 +216,74 @@ def measure(
                 left_out.append(f"clearance of {own.cable} to {name}: {why}")
                 continue
             found = against_part(task, geometry, excluded)
-            pair = _pair(task, name, found, still)
+            pair = _pair(given, task, name, found)
             pair = replace(pair, excluded=excluded, closed=geometry.closed)
-            pairs.append(_in_world(pair, *poses[geometry.body]))
+            if views is not None and task.limit is not None and found.lower is not None:
+                view, arcs = views.seen(own.cable, geometry.body), places(task.curve.s, excluded)
+                search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
+                pair = _certified(pair, motion, search.certificate())
+            pairs.append(_in_world(pair, problem, geometry.body, motion))
         if problem.limits.clearance is None:
             continue
         for other in tasks[number:]:
             # the cubics of both centrelines are off, those of a cable against itself twice
             task = replace(own, limit=problem.limits.clearance, error=own.error + other.error)
-            curves = CurvePair.of(task, other)
-            if curves.gap >= task.curve.s[-1]:
+            both = CurvePair.of(task, other)
+            if both.gap >= task.curve.s[-1]:
                 left_out.append(f"clearance of {own.cable} to itself: too short to meet itself")
                 continue
-            pairs.append(_pair(task, f"cable:{other.cable}", against_cable(task, curves), still))
-    return ClearanceResult(motion, tuple(pairs), tuple(left_out))
+            pair = _pair(given, task, f"cable:{other.cable}", against_cable(task, both))
+            if views is not None:
+                curves = views.curve(own.cable), views.curve(other.cable)
+                pair = _certified(pair, motion, CableSearch(task, other, curves, pair.start).certificate())
+            pairs.append(pair)
+    inserted = {} if views is None else {name: frames.inserted for name, frames in views.frames.items()}
+    return ClearanceResult(motion, tuple(pairs), tuple(left_out), inserted)
+
+
+class _Views:
+    """The moving centrelines of all cables, each seen from the bodies that matter; made when first asked for."""
+
+    def __init__(self, given: Motion, between: Between):
+        self._problem, motion = given.problem, given.motion
+        turns = np.array([0.5]) if given.problem.out_and_back else np.zeros(0)
+        self.frames: dict[str, SolvedFrames] = {}
+        self._curves: dict[tuple[str, str], MovingCurve] = {}
+        for name, shapes in given.cables.items():
+            frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
+            jumps = 0.5 * (motion[frames - 1] + motion[frames])
+            solved = SolvedFrames(name, motion, shapes, between.solve, jumps=jumps, turns=turns)
+            solved.insert(turns[(turns > motion[0]) & (turns < motion[-1])])
+            self.frames[name] = solved
+
+    def curve(self, cable: str, body: str = WORLD) -> MovingCurve:
+        """Return the centreline of ``cable`` in the coordinates of ``body``."""
+        if (cable, body) not in self._curves:
+            poses = None if body == WORLD else functools.partial(self._problem.poses, body)
+            self._curves[cable, body] = MovingCurve(self.frames[cable], poses)
+        return self._curves[cable, body]
+
+    def seen(self, cable: str, body: str) -> Seen:
+        """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
+        problem, run = self._problem, self._problem.cables[cable]
+        clamps = (self._clamp(run.start, body), self._clamp(run.end, body))
+        if body in (run.start.body, run.end.body):
+            still = Body().poses, functools.partial(problem.rates, WORLD)
+            return Seen(self.curve(cable, body), *still, clamps)
+        moving = functools.partial(problem.poses, body), functools.partial(problem.rates, body)
+        return Seen(self.curve(cable), *moving, clamps)
+
+    def _clamp(self, end: End, body: str) -> Callable[[Array], Array] | None:
+        """Return the way of the clamp that holds ``end``, in the coordinates of ``body``; None where none does."""
+        if end.position is None:
+            return None
+        held = np.asarray(end.position)
+
+        def at(motion: Array) -> Array:
+            (p, q), (c, turn) = (self._problem.poses(name, motion) for name in (end.body, body))
+            return rotations.rotate(rotations.conjugate(turn), p + rotations.rotate(q, held) - c)
+
+        return at
 
 
 def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) -> Task:
@@ -196,6 +296,7 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
         error=cubic_error(shapes),
         tolerance=0.01 * cable.diameter if options.tolerance is None else options.tolerance,
         reach=cable.diameter if options.reach is None else options.reach,
+        strict=options.tolerance is not None,
         most_queries=options.most_queries,
     )
 
@@ -208,8 +309,8 @@ def _excluded(problem: Problem, task: Task, body: str) -> tuple[float, float]:
     return start, end
 
 
-def _pair(task: Task, obstacle: str, found: Found, still: bool) -> PairClearance:
-    """Return the result of a pair: what was found, sorted; ``still`` where nothing moves between frames."""
+def _pair(given: Motion, task: Task, obstacle: str, found: Found) -> PairClearance:
+    """Return the result of a pair in the frames alone: what was found, sorted."""
     samples = found.samples
     order = np.lexsort((samples.clearance, samples.frame))
     nearest = samples.take(order[np.unique(samples.frame[order], return_index=True)[1]])
@@ -225,27 +326,51 @@ def _pair(task: Task, obstacle: str, found: Found, still: bool) -> PairClearance
         met = witnesses.other_arc_length - witnesses.arc_length > gap
         witnesses = witnesses.take(met | (witnesses.clearance < (task.limit or 0.0)))
     witnesses = witnesses.take(witnesses.clearance < task.horizon)
-    sure = found.bound >= np.min(nearest.clearance) - task.tolerance * (1 + 1e-9)
+    least = float(np.min(nearest.clearance))
+    sure = found.bound >= least - task.tolerance_at(least) * (1 + 1e-9)
+    frame = int(np.argmin(nearest.clearance))
+    still = not given.problem.moves
     return PairClearance(
         cable=task.cable,
         obstacle=obstacle,
         limit=task.limit,
         nearest=nearest,
         witnesses=witnesses.take(np.lexsort((witnesses.arc_length, witnesses.frame))),
+        place=nearest.take(np.array([frame])),
+        motion=float(given.motion[frame]),
         lower_bound=found.bound - task.error,
-        certified_along_arc=bool(sure),
-        certified=bool(sure and still),
+        certified_along_arc=sure,
+        certified=sure and still,
+        reason="" if sure and still else LONG if still else "the motion between the frames was not looked at",
         excluded=(0.0, 0.0),
         closed=True,
     )
 
 
-def _in_world(pair: PairClearance, position: Array, quaternion: Array) -> PairClearance:
-    """Turn witnesses from the coordinates of a body with poses (P, 3), (P, 4) to the world."""
+def _certified(pair: PairClearance, motion: Array, found: Certificate) -> PairClearance:
+    """Return a pair with what was found through the motion."""
+    nearest = int(np.argmin(np.abs(motion - found.motion)))
+    return replace(
+        pair,
+        place=replace(found.place, frame=np.array([nearest])),
+        motion=found.motion,
+        lower_bound=found.bound,
+        certified=not found.reason,
+        reason=found.reason,
+    )
 
-    def turned(old: Witnesses) -> Witnesses:
-        q, centre = quaternion[old.frame], position[old.frame]
-        normal, point = rotations.rotate(q, old.normal), centre + rotations.rotate(q, old.point)
+
+def _in_world(pair: PairClearance, problem: Problem, body: str, motion: Array) -> PairClearance:
+    """Turn witnesses from the coordinates of ``body`` to the world."""
+
+    def turned(old: Witnesses, at: Array) -> Witnesses:
+        position, quaternion = problem.poses(body, at)
+        normal, point = rotations.rotate(quaternion, old.normal), position + rotations.rotate(quaternion, old.point)
         return replace(old, normal=normal, point=point)
 
-    return replace(pair, nearest=turned(pair.nearest), witnesses=turned(pair.witnesses))
+    return replace(
+        pair,
+        nearest=turned(pair.nearest, motion[pair.nearest.frame]),
+        witnesses=turned(pair.witnesses, motion[pair.witnesses.frame]),
+        place=turned(pair.place, np.array([pair.motion])),
+    )

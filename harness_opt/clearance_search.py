@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,10 @@ from numpy.typing import NDArray
 from .centreline import Curve
 from .rotations import Array
 from .vectors import Indices
+
+FAR = 20.0  # radii of the cable beyond the horizon: from there on a part is far away
+FAR_SHARE = 0.05  # of the clearance of what is far away: to this it is wanted
+LONG = "the search was longer than allowed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +60,7 @@ class Task:
         error: of the cubics of ``curve``, m.
         tolerance, reach, most_queries: as in :class:`harness_opt.clearance.Options`, m.
         limit: m, or None.
+        strict: whether the tolerance holds for what is far away too.
     """
 
     cable: str
@@ -65,11 +71,21 @@ class Task:
     reach: float
     most_queries: int
     limit: float | None = None
+    strict: bool = False
 
     @property
     def horizon(self) -> float:
         """The clearance below which witnesses are wanted, m."""
         return (self.limit or 0.0) + self.reach
+
+    @property
+    def far(self) -> float:
+        """The clearance beyond which a part is far away, m."""
+        return math.inf if self.strict else self.horizon + FAR * self.radius
+
+    def tolerance_at(self, clearance: float) -> float:
+        """Return the tolerance to which a smallest clearance is wanted, m."""
+        return self.tolerance if clearance <= self.far else max(self.tolerance, FAR_SHARE * clearance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +96,30 @@ class Found:
         samples: in no order.
         minima: (k,), the numbers of those that are local minima along the cable.
         bound: no point of the centreline has a smaller clearance, m.
+        lower: of a part, bounds below the clearances (P, M) at the places looked at first, m; None for cables.
     """
 
     samples: Witnesses
     minima: Indices
     bound: float
+    lower: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The smallest clearance found in any solved frame, and how sure it is the smallest of the motion.
+
+    Args:
+        place: one witness, in the coordinates of the obstacle; its frame has no meaning.
+        motion: where it stands, 0 to 1.
+        bound: no clearance is below this, m.
+        reason: why that is not so close to it as was asked, or not known everywhere; empty where it is.
+    """
+
+    place: Witnesses
+    motion: float
+    bound: float
+    reason: str
 
 
 def local_minima(value: Array, horizon: float) -> tuple[Indices, Indices]:

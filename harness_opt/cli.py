@@ -107,12 +107,16 @@ class _Positive(click.ParamType):
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What the user wants to be shown and kept; ``folder`` is None for the usual place."""
+    """What the user wants to be shown and kept; ``folder`` is None for the usual place.
+
+    ``tolerance`` is that of the clearances, m, or None.
+    """
 
     folder: Path | None
     as_json: bool
     quiet: bool
     pictures: bool
+    tolerance: float | None = None
 
 
 _file = click.argument("file", type=click.Path(path_type=Path))
@@ -202,6 +206,10 @@ def check(file: Path, as_json: bool) -> int:
 @click.option("--points", type=int, metavar="N", help="Of dqm, 5 to 200; as many as it takes where left out.")
 @click.option("--closure", is_flag=True, default=None, help="Of dqm: with the length closure (25).")
 @click.option("--tolerance", type=_Positive(), help="Error allowed in a shape, in lengths of the cable.")
+@click.option(
+    "--clearance-tolerance", type=_Positive(), metavar="M",
+    help="How certain the smallest clearances are wanted, m; 1 % of the cable's diameter where left out.",
+)  # fmt: skip
 def simulate(
     file: Path,
     folder: Path | None,
@@ -209,6 +217,7 @@ def simulate(
     quiet: bool,
     pictures: bool,
     out_and_back: bool,
+    clearance_tolerance: float | None,
     **numerics: Any,
 ) -> int:
     """Simulate the whole motion of FILE: shapes, clearances, limits, verdict.
@@ -226,7 +235,7 @@ def simulate(
             problem = dataclasses.replace(problem, out_and_back=True)
         return simulate(problem, progress=progress, throw=False, **chosen)
 
-    return _run("simulate", file, _Wanted(folder, as_json, quiet, pictures), solve)
+    return _run("simulate", file, _Wanted(folder, as_json, quiet, pictures, clearance_tolerance), solve)
 
 
 @commands.command()
@@ -318,7 +327,7 @@ def _run(command: str, file: Path, wanted: _Wanted, solve: Solve) -> int:
     with Interrupts(_warn) as interrupts:
         with _naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
             result = _solved(problem, solve, progress)
-        result, measured = _measured(result, scene)
+        result, measured = _measured(result, scene, wanted.tolerance)
         result = timed(result, load=loaded, total=time.perf_counter() - begin)
         summary, place = _kept(wanted, folder, interrupts.asked, (result, measured, command))
         interrupts.patient = False
@@ -378,7 +387,9 @@ def _solved(problem: Problem, solve: Solve, progress: Progress) -> Motion | Rede
     return dataclasses.replace(partial, status=status, message=message)
 
 
-def _measured(result: Motion | Redesign, scene: Scene) -> tuple[Motion | Redesign, ClearanceResult | None]:
+def _measured(
+    result: Motion | Redesign, scene: Scene, tolerance: float | None
+) -> tuple[Motion | Redesign, ClearanceResult | None]:
     """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
     from .report import clearances, timed
     from .results import Motion
@@ -386,7 +397,7 @@ def _measured(result: Motion | Redesign, scene: Scene) -> tuple[Motion | Redesig
     if not isinstance(result, Motion):
         return result, None
     begin = time.perf_counter()
-    measured = clearances(result, scene)
+    measured = clearances(result, scene, tolerance=tolerance)
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 

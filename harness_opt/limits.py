@@ -11,6 +11,7 @@ from .problem import Problem
 from .results import CableMotion, LimitResult, Motion
 from .rotations import Array
 
+LOOKED_AT = "only the stations of the solved frames were looked at"
 STRAIGHT = 1e-9  # 1/m; below this curvature the bend radius is given as that of a straight cable
 
 
@@ -32,7 +33,7 @@ def _row(
     worst = float(value[frame, station])
     return LimitResult(
         name, limit, worst, limit - worst, cable, int(frame), float(motion[frame]), float(shapes.s[station]), None,
-        False, tolerance,
+        False, tolerance, LOOKED_AT,
     )  # fmt: skip
 
 
@@ -69,7 +70,7 @@ def _bend_row(limit: float, name: str, shapes: CableMotion, motion: Array) -> Li
     tolerance = worst**2 * float(np.max(between_stations(curvature)))
     return LimitResult(
         "bend_radius", limit, worst, worst - limit, name, int(frame), float(motion[frame]), float(shapes.s[station]),
-        None, False, tolerance,
+        None, False, tolerance, LOOKED_AT,
     )  # fmt: skip
 
 

@@ -124,6 +124,31 @@ class Mesh(Geometry):
         bound[outside] = np.where((exact > bound[outside]) & (exact <= highest), exact, bound[outside])
         return bound
 
+    def hull_bound(self, corners: Array, middle: Array, at_middle: Array) -> Array:
+        """See :meth:`Geometry.hull_bound`.
+
+        Outside, the distance of a box round the hull, which is exact for a flat hull. Inside, no point is deeper
+        than it is far from the one triangle that is nearest to the middle: that distance is convex, so it is
+        largest at a corner.
+        """
+        reach = lengths(corners - middle[:, None]).max(axis=1)
+        bound = at_middle - reach
+        outside = np.flatnonzero(at_middle > 0)
+        boxed = self.query.boxes(corners[outside], middle[outside])
+        boxed = boxed - AGREE * np.linalg.norm(self.upper - self.lower)  # 2e-11 m too much were measured
+        sane = (boxed > 0) & (boxed <= at_middle[outside] * (1 + AGREE))  # what is above, or NaN, is absurd
+        bound[outside] = np.where(sane, np.maximum(boxed, bound[outside]), bound[outside])
+        if not self.closed:
+            return np.maximum(bound, 0.0)
+        rest = np.flatnonzero(at_middle <= reach)
+        face = self.query(middle[rest])[1]
+        a, b, c = self.vertices[self.faces[face]].swapaxes(0, 1)
+        deepest = np.zeros(len(rest))
+        for corner in corners[rest].swapaxes(0, 1):
+            deepest = np.maximum(deepest, lengths(corner - closest_on_triangles(corner, a, b, c)))
+        bound[rest] = np.maximum(bound[rest], -deepest)
+        return bound
+
     def winding_number(self, points: ArrayLike) -> Array:
         """Return the generalised winding numbers (n,) of ``points`` (n, 3): +-1 inside, 0 outside.
 
@@ -285,6 +310,30 @@ class _CoalQuery:
             moved.setTranslation(middle)
             result.clear()
             exact[i] = distance(needle, moved, self._model, self._still, self._request, result)
+        return exact
+
+    def boxes(self, corners: Array, middle: Array) -> Array:
+        """Return unsigned distances (k,) of boxes round points (k, c, 3) that do not meet the shell, else 0 or less.
+
+        Args:
+            corners, middle: of each box; its axes are the principal ones of the corners.
+        """
+        exact = np.empty(len(corners))
+        if not len(corners):
+            return exact
+        offset = corners - corners.mean(axis=1, keepdims=True)
+        axes = np.linalg.svd(np.einsum("kci,kcj->kij", offset, offset))[2]
+        axes[:, 2] = rotations.cross(axes[:, 0], axes[:, 1])  # a frame, not its mirror image
+        along = np.einsum("kij,kcj->kci", axes, np.concatenate([corners, middle[:, None]], axis=1))
+        low, high = along.min(axis=1), along.max(axis=1)
+        centres = np.einsum("kji,kj->ki", axes, 0.5 * (low + high))
+        distance, moved, result = self._coal.distance, self._moved, self._result
+        for i, size in enumerate(high - low):
+            box = self._coal.Box(*size)
+            moved.setRotation(axes[i].T)
+            moved.setTranslation(centres[i])
+            result.clear()
+            exact[i] = distance(box, moved, self._model, self._still, self._request, result)
         return exact
 
 

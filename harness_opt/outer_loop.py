@@ -18,7 +18,8 @@ import casadi as ca
 import numpy as np
 
 from . import design_variables
-from .clearance import ClearanceResult, measure
+from .between_frames import BetweenFrames
+from .clearance import Between, ClearanceResult, measure
 from .errors import ProblemError, SolveError, Status
 from .following import Progress
 from .limits import all_limits, held, limit_label
@@ -356,14 +357,18 @@ def _scale(row: LimitResult, problem: Problem) -> float:
 
 
 def _verified(loop: _Loop, design: Trial) -> tuple[Trial, Motion, ClearanceResult, tuple[LimitResult, ...]]:
-    """Run the loop, simulate the end twice as finely, ask for what is short there, and run again."""
+    """Run the loop, simulate the end twice as finely, ask for what is short there, and run again.
+
+    Clearances are those of the whole motion there, between the frames too.
+    """
     for attempt in range(VERIFICATIONS):
         design = loop.search(design)
         changed = design_variables.rebased(loop.problem, design.values)
         frames = loop.trials.frames
         fine = np.interp(np.linspace(0, 1, 2 * len(frames) - 1), np.linspace(0, 1, len(frames)), frames)
         motion = _fine_motion(changed, fine, design, loop)
-        clearances = measure(changed, loop.trials.scene, motion.motion, motion.cables)
+        between = Between(BetweenFrames(motion), motion.snaps)
+        clearances = measure(changed, loop.trials.scene, motion.motion, motion.cables, between=between)
         rows = all_limits(changed, motion, clearances)
         short = {
             limit_label(row.name, row.cable, row.part): -row.margin / _scale(row, changed)

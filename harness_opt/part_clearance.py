@@ -36,20 +36,46 @@ def against_part(task: Task, geometry: Geometry, excluded: tuple[float, float]) 
         geometry: the part.
         excluded: lengths from start and end that do not count, m; less than the cable's together.
     """
-    curve = task.curve
-    first, last = excluded[0], curve.s[-1] - excluded[1]
-    arcs = np.concatenate([[first], curve.s[(curve.s > first) & (curve.s < last)], [last]])
-    samples = _Samples(curve, geometry, task.radius)
+    arcs = places(task.curve.s, excluded)
+    samples, lower, minima = survey(task, task.curve, geometry, arcs, task.horizon)
+    bound = _certify(samples, arcs, lower, task)
+    return Found(samples.all(), minima, bound, lower)
+
+
+def places(s: Array, excluded: tuple[float, float]) -> Array:
+    """Return the stations ``s`` (N,), m, that count, and the ends of the stretches that do not, (M,)."""
+    first, last = excluded[0], s[-1] - excluded[1]
+    return np.concatenate([[first], s[(s > first) & (s < last)], [last]])
+
+
+def survey(task: Task, curve: Curve, geometry: Geometry, arcs: Array, horizon: float) -> tuple[Samples, Array, Indices]:
+    """Return what is nearest in each frame of ``curve``, and what lies below ``horizon``.
+
+    Of a part whose box is far away from all frames, one place a frame is asked, that nearest to the box.
+
+    Args:
+        task: the cable.
+        curve: its centreline in P frames, seen from the part's body.
+        geometry: the part.
+        arcs: (M,), where it is asked first, m.
+        horizon: m.
+
+    Returns:
+        All samples, bounds (P, M) below the clearances at ``arcs``, m, and the numbers of the local minima.
+    """
+    samples = Samples(curve, geometry, task.radius)
     frames = np.arange(len(curve.position))
     points = curve.at(np.repeat(frames, len(arcs)), np.tile(arcs, len(frames)))
     lower = geometry.lower_bound(points).reshape(len(frames), len(arcs)) - task.radius
-    lower, index = _ask_stations(samples, arcs, lower, task.horizon)
-    minima = _polish(samples, arcs, lower, index, task.horizon)
-    bound = _certify(samples, arcs, lower, task)
-    return Found(samples.all(), minima, bound)
+    if lower.min() > task.far:  # one place a frame will do
+        nearest = np.argmin(lower, axis=1)
+        lower[frames, nearest], minima = samples(frames, arcs[nearest])
+        return samples, lower, minima
+    lower, index = _ask_stations(samples, arcs, lower, horizon)
+    return samples, lower, _polish(samples, arcs, lower, index, horizon)
 
 
-class _Samples:
+class Samples:
     """Clearances of one cable to one part, each kept as it is evaluated."""
 
     def __init__(self, curve: Curve, geometry: Geometry, radius: float):
@@ -82,7 +108,7 @@ class _Samples:
         return Witnesses.joined(self._kept)
 
 
-def _ask_stations(samples: _Samples, arcs: Array, lower: Array, horizon: float) -> tuple[Array, Indices]:
+def _ask_stations(samples: Samples, arcs: Array, lower: Array, horizon: float) -> tuple[Array, Indices]:
     """Ask for all clearances that can be the smallest of their frame, or lie below ``horizon``.
 
     Args:
@@ -116,7 +142,7 @@ def _ask_stations(samples: _Samples, arcs: Array, lower: Array, horizon: float) 
     return lower, index
 
 
-def _polish(samples: _Samples, arcs: Array, lower: Array, index: Indices, horizon: float) -> Indices:
+def _polish(samples: Samples, arcs: Array, lower: Array, index: Indices, horizon: float) -> Indices:
     """Return the numbers of the smallest sample of each frame and of the local minima below ``horizon``.
 
     Each is improved between its station and the next one downhill, by three secant steps on the slope.
@@ -143,14 +169,14 @@ def _polish(samples: _Samples, arcs: Array, lower: Array, index: Indices, horizo
     return start
 
 
-def _certify(samples: _Samples, arcs: Array, lower: Array, task: Task) -> float:
+def _certify(samples: Samples, arcs: Array, lower: Array, task: Task) -> float:
     """Refine until no arc can hold a clearance ``tolerance`` below the best; return the bound reached, m."""
     frame = np.repeat(np.arange(len(lower)), len(arcs) - 1)
     a, b = (np.tile(ends, len(lower)) for ends in (arcs[:-1], arcs[1:]))
     at_a, at_b = lower[:, :-1].ravel(), lower[:, 1:].ravel()
     settled, budget = math.inf, task.most_queries
     while True:
-        floor = samples.best - task.tolerance
+        floor = samples.best - task.tolerance_at(samples.best)
         bound = 0.5 * (at_a + at_b - (b - a))
         loose = np.flatnonzero(bound < floor)
         loose = loose[np.argsort(bound[loose], kind="stable")][:budget]

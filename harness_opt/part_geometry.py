@@ -68,6 +68,16 @@ class Geometry(abc.ABC):
             at_start, at_end: (k,), bounds below the signed distances there, m.
         """
 
+    @abc.abstractmethod
+    def hull_bound(self, corners: Array, middle: Array, at_middle: Array) -> Array:
+        """Return numbers (k,) that the signed distance is never below in convex hulls, m.
+
+        Args:
+            corners: (k, c, 3), of each hull, m.
+            middle: (k, 3), points inside the hulls, m.
+            at_middle: (k,), their signed distances, m.
+        """
+
 
 @dataclass(frozen=True, eq=False)
 class Primitive(Geometry):
@@ -114,6 +124,15 @@ class Primitive(Geometry):
         crossing = (last - rises - first) / np.where(between, falls - rises, 1.0)  # share of the chord
         lowest = np.maximum(first + falls * crossing, last + rises * (crossing - 1.0))
         return np.where(between, lowest, np.where(falls >= 0, first, last))
+
+    def hull_bound(self, corners: Array, middle: Array, at_middle: Array) -> Array:
+        """See :meth:`Geometry.hull_bound`: convex again, it lies above its tangents, which are lowest at corners."""
+        bound = np.full(len(corners), -np.inf)
+        for point in (middle, *corners.swapaxes(0, 1)):
+            distance, gradient, _ = self.signed_distance(point)
+            slope = np.einsum("kci,ki->kc", corners - point[:, None], gradient)
+            bound = np.maximum(bound, distance + slope.min(axis=1))
+        return bound
 
 
 def _half_extents(shape: Shape, frame: Array) -> Array:

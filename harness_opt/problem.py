@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks, rotations
-from .body_motion import BodyMotion
+from .body_motion import BodyMotion, Rates
 from .checks import Quaternion, Vector
 from .errors import ProblemError
 from .rotations import Array
@@ -316,6 +316,20 @@ class Problem:
         """Return positions (P, 3) and quaternions (P, 4) of ``body`` at ``motion`` (P,) from 0 to 1, there and back."""
         at = np.asarray(motion, dtype=float)
         return self.body(body).poses(1.0 - np.abs(2.0 * at - 1.0) if self.out_and_back else at)
+
+    def rates(self, body: str, first: Array, last: Array) -> Rates:
+        """Return bounds on how fast ``body`` moves from motion value ``first`` (k,) to ``last`` (k,).
+
+        A motion there and back turns round at 0.5; no stretch may hold that value within it.
+        """
+        moves = self.body(body).motion
+        if moves is None:
+            return Rates.steady(np.zeros(3), len(first))
+        if not self.out_and_back:
+            return moves.rates(first, last)
+        there = np.sort(1.0 - np.abs(2.0 * np.stack([first, last]) - 1.0), axis=0)
+        once = moves.rates(there[0], there[1])
+        return Rates(once.centre, 2 * once.speed, 4 * once.acceleration, 2 * once.turning, 4 * once.turning_change)
 
     def ends(self, cable: str, motion: ArrayLike) -> list[tuple[End, End]]:
         """Return the start and end of ``cable`` in world coordinates at each ``motion`` (P,) from 0 to 1."""

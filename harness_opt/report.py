@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import design_variables
+from . import checks, design_variables
 from .body_motion import Poses
-from .clearance import ClearanceResult, PairClearance, measure
+from .clearance import Between, ClearanceResult, Options, PairClearance, measure
 from .errors import ProblemError
 from .limits import cable_limits, held
 from .problem import MeshFile, Problem
@@ -41,20 +41,29 @@ PACKAGES = ("numpy", "scipy", "casadi", "trimesh", "coal", "pyvista")  # whose v
 PHASES = ("load", "solve", "clearance", "pictures")
 
 
-def clearances(motion: Motion, scene: Scene | None = None) -> ClearanceResult:
+def clearances(motion: Motion, scene: Scene | None = None, *, tolerance: float | None = None) -> ClearanceResult:
     """Return the clearances of a motion: all cables to all parts and, where a limit asks for it, to cables.
+
+    Where there is a limit, frames are solved between those of the motion until the smallest clearance of the whole
+    motion is certain; they are not added to it.
 
     Args:
         motion: simulated; what was solved of it is measured.
         scene: the parts as geometry; None loads them.
+        tolerance: to which the smallest clearances are wanted, m; None takes 1 % of the cable's diameter.
 
     Raises:
-        ProblemError: a mesh that cannot be used.
+        ProblemError: a mesh that cannot be used; a tolerance that is not above 0.
     """
+    if tolerance is not None:
+        checks.positive("tolerance", tolerance)
     if not motion.cables:
         return ClearanceResult(motion.motion, ())
+    from .between_frames import BetweenFrames
+
     scene = load_scene(motion.problem) if scene is None else scene
-    return measure(motion.problem, scene, motion.motion, motion.cables)
+    between = Between(BetweenFrames(motion), motion.snaps)
+    return measure(motion.problem, scene, motion.motion, motion.cables, Options(tolerance), between)
 
 
 # --- the summary ---------------------------------------------------------------------------------------
@@ -110,8 +119,9 @@ def summary(
         "message": result.message,
         "frames": len(motion.motion),
         "limits": [_limit(row, measured) for row in rows],
-        "clearances": [_pair(pair, motion.motion) for pair in measured.pairs],
+        "clearances": [_pair(pair) for pair in measured.pairs],
         "open_meshes": sorted({pair.obstacle for pair in measured.pairs if not pair.closed}),
+        "frames_solved_between": dict(measured.inserted),
         "snaps": [dataclasses.asdict(snap) for snap in motion.snaps],
         "stable": bool(motion.cables) and all(np.all(cable.stable) for cable in motion.cables.values()),
         "equilibrium": {
@@ -171,7 +181,7 @@ def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> Json:
     return entry
 
 
-def _pair(pair: PairClearance, motion: Array) -> Json:
+def _pair(pair: PairClearance) -> Json:
     """Return a measured pair, with a limit or without."""
     return {
         "cable": pair.cable,
@@ -180,8 +190,8 @@ def _pair(pair: PairClearance, motion: Array) -> Json:
         "smallest": pair.worst,
         "lower_bound": pair.lower_bound,
         "frame": pair.frame,
-        "motion": motion[pair.frame],
-        "arc_length": pair.nearest.arc_length[pair.frame],
+        "motion": pair.motion,
+        "arc_length": pair.arc_length,
         "certified_along_arc": pair.certified_along_arc,
         "excluded_near_clamps": dict(zip(("start", "end"), pair.excluded, strict=True)),
         "closed": pair.closed,

@@ -83,10 +83,11 @@ class LimitResult:
         limit, worst: in SI units (twist in rad/m).
         margin: >= 0 holds; ``worst - limit`` for clearance and bend radius, ``limit - worst`` for the others.
         cable: its name.
-        frame, motion, arc_length: where the worst stands.
+        frame, motion, arc_length: where the worst stands; the nearest frame, where that is between two.
         part: name of the part, "cable:NAME" for another cable or for itself, or None.
         certified: True where no point between samples can be worse than ``worst`` by more than ``tolerance``.
         tolerance: in the unit of ``worst``.
+        reason: why it is not certified, where it was tried.
     """
 
     name: str
@@ -100,6 +101,7 @@ class LimitResult:
     part: str | None
     certified: bool
     tolerance: float
+    reason: str = ""
 
 
 @dataclass(frozen=True)

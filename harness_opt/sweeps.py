@@ -114,7 +114,7 @@ def sweep(
         return Sweep((), np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
     errors = np.full(len(frames), np.nan)
     if not look:
-        frames, errors = _accurate(frames, tolerance, solver)
+        frames, errors = accurate(frames, tolerance, solver)
     if not look and status.ok and not np.max(errors) <= tolerance:
         worst = int(np.argmax(errors))
         status = Status.INACCURATE
@@ -131,7 +131,7 @@ def sweep(
     return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
 
 
-def _accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[Solved], Array]:
+def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[Solved], Array]:
     """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
     possible.
     """

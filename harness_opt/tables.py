@@ -123,10 +123,7 @@ def _notes(summary: Mapping[str, Any]) -> Iterable[str]:
         yield f"Cable {snap['cable']} snaps to another shape at {at}."
     if summary["frames"] and not summary["stable"]:
         yield "Some frames show an unstable shape."
-    loose = [row for row in summary["limits"] if row.get("certified_along_arc") is False]
-    if loose:
-        words = ", ".join(limit_words(row) for row in loose)
-        yield f"Not found to the tolerance asked for, so less sure: {words}."
+    yield from _certainty(summary)
     for name in summary["open_meshes"]:
         yield f"Part {name} is not closed: it is a shell, and a cable inside it goes unnoticed."
     near = [words for entry in summary["clearances"] if (words := _excluded(entry))]
@@ -134,6 +131,20 @@ def _notes(summary: Mapping[str, Any]) -> Iterable[str]:
         yield f"Not measured where the cable leaves its clamp: {', '.join(near)}."
     if summary["left_out"]:
         yield f"Left out: {', '.join(summary['left_out'])}."
+
+
+def _certainty(summary: Mapping[str, Any]) -> Iterable[str]:
+    """Return how sure the clearances are, and which are not, and why."""
+    rows = [row for row in summary["limits"] if row["name"] == "clearance"]
+    sure = [row["tolerance"] for row in rows if row["certified"]]
+    between = sum(summary["frames_solved_between"].values())
+    if sure and summary["frames"] > 1:
+        added = f"; {between} more {'frame was' if between == 1 else 'frames were'} solved for that" if between else ""
+        which = "Clearances" if len(sure) == len(rows) else "The other clearances"
+        yield f"{which} hold between the frames too, to {1e3 * max(sure):.2g} mm{added}."
+    for row in rows:
+        if not row["certified"]:
+            yield f"Not certain: {limit_words(row)}: {row['reason']}."
 
 
 def _excluded(entry: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from curve_examples import DIAMETER, LENGTH, helix, line, random_helices, runs, shapes
 from scene_examples import MESHES, POSE, SHAPES, problem_with
 
 from harness_opt import rotations
@@ -12,69 +13,7 @@ from harness_opt.body_motion import Hinge
 from harness_opt.centreline import closest_on_segments, sag
 from harness_opt.clearance import Options, measure
 from harness_opt.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
-from harness_opt.results import CableMotion
 from harness_opt.scene import load_scene
-
-LENGTH = 0.3
-DIAMETER = 0.005
-
-
-def _shapes(curves, length: float, count: int = 101) -> CableMotion:
-    """A motion (P frames) of curves: functions s (n,) -> position, tangent, curvature vector (n, 3)."""
-    s = np.linspace(0, length, count)
-    position, tangent, bend = (np.array(x) for x in zip(*(curve(s) for curve in curves), strict=True))
-    frames = rotations.shortest_arc([0.0, 0.0, 1.0], tangent)
-    local = rotations.rotate(rotations.conjugate(frames), bend)
-    # r'' = R (omega x e3)
-    curvature = np.stack([-local[..., 1], local[..., 0], 0 * s + 0 * local[..., 0]], axis=-1)
-    blank, per_frame = np.zeros_like(position), np.zeros(len(position))
-    return CableMotion(s, position, frames, curvature, blank, blank, per_frame == 0, per_frame, per_frame, per_frame)
-
-
-def _helix(radius: float, pitch: float, turn=(1.0, 0.0, 0.0, 0.0), centre=(0.0, 0.0, 0.0), phase=0.0):
-    """A helix by arc length, turned and moved."""
-
-    def curve(s):
-        scale = np.hypot(radius, pitch / (2 * np.pi))
-        a = s / scale + phase
-        rise = pitch / (2 * np.pi) / scale
-        zero = np.zeros_like(a)
-        r = np.stack([radius * np.cos(a), radius * np.sin(a), rise * s], -1)
-        t = np.stack([-radius / scale * np.sin(a), radius / scale * np.cos(a), zero + rise], -1)
-        k = np.stack([-np.cos(a), -np.sin(a), zero], -1) * radius / scale**2
-        return centre + rotations.rotate(turn, r), rotations.rotate(turn, t), rotations.rotate(turn, k)
-
-    return curve
-
-
-def _line(start, direction):
-    def curve(s):
-        d = rotations.normalise(direction)
-        return start + s[:, None] * d, np.tile(d, (len(s), 1)), np.zeros((len(s), 3))
-
-    return curve
-
-
-def _random_helices(rng, count):
-    return [
-        _helix(
-            rng.uniform(0.02, 0.06),
-            rng.uniform(0.05, 0.2),
-            rotations.normalise(rng.normal(size=4)),
-            rng.uniform(-0.05, 0.05, 3),
-            rng.uniform(0, 6),
-        )
-        for _ in range(count)
-    ]
-
-
-def _cables(*names, bodies=("world", "world")):
-    run = CableRun(
-        Cable(LENGTH, DIAMETER, 1e-3, 1e-3),
-        End(position=(0, 0, 0), body=bodies[0]),
-        End(position=(0, 0, 0.3), body=bodies[1]),
-    )
-    return dict.fromkeys(names or ("lead",), run)
 
 
 @pytest.mark.parametrize("kind", ["annulus", "icosphere", "inverted", *SHAPES])
@@ -86,9 +25,9 @@ def test_worst_against_dense_sampling(kind, tmp_path, rng):
     else:
         shape = SHAPES[kind]
     arm = Body(Hinge((0.01, 0.02, 0.0), (1, 1, 0), 0.0, 1.5))
-    problem = Problem(_cables(), {"arm": arm}, {"part": Part(shape, "arm", **POSE)}, limits=Limits(clearance=0.004))
-    curves, motion = _random_helices(rng, 12), np.linspace(0, 1, 12)
-    cables = {"lead": _shapes(curves, LENGTH)}
+    problem = Problem(runs(), {"arm": arm}, {"part": Part(shape, "arm", **POSE)}, limits=Limits(clearance=0.004))
+    curves, motion = random_helices(rng, 12), np.linspace(0, 1, 12)
+    cables = {"lead": shapes(curves, LENGTH)}
     scene = load_scene(problem)
     pair = measure(problem, scene, motion, cables).pairs[0]
     dense = np.linspace(0, LENGTH, 1001)
@@ -135,11 +74,11 @@ def test_needle_between_two_stations_is_found(tmp_path):
     needle.apply_translation((0.5 * 1e3 * LENGTH / 100, 14, 0))  # half way between stations, tip at y = 4 mm
     trimesh.util.concatenate([wall, needle]).export(tmp_path / "needle.stl")
     problem = Problem(
-        _cables(),
+        runs(),
         parts={"needle": Part(MeshFile(tmp_path / "needle.stl", "mm"))},
         limits=Limits(clearance=0.004),
     )
-    cables = {"lead": _shapes([_line([-0.15, 0, 0], [1, 0, 0])], LENGTH)}
+    cables = {"lead": shapes([line([-0.15, 0, 0], [1, 0, 0])], LENGTH)}
     pair = measure(problem, load_scene(problem), [0.0], cables).pairs[0]
     assert pair.worst == pytest.approx(0.004 - DIAMETER / 2, abs=1e-5)
     assert pair.nearest.arc_length[0] == pytest.approx(0.1515, abs=1e-4)
@@ -151,13 +90,13 @@ def test_cable_inside_a_part_is_negative_with_a_way_out(tmp_path):
     MESHES["box"].export(tmp_path / "box.stl")
     for shape in (MeshFile(tmp_path / "box.stl", "mm"), Box((0.06, 0.04, 0.02))):
         problem = problem_with(Part(shape, clearance=0.002))
-        cables = {"lead": _shapes([_line([-0.15, 0, 0.004], [1, 0, 0])], LENGTH)}
+        cables = {"lead": shapes([line([-0.15, 0, 0.004], [1, 0, 0])], LENGTH)}
         pair = measure(problem, load_scene(problem), [0.0], cables).pairs[0]
         assert pair.worst == pytest.approx(-0.006 - DIAMETER / 2, abs=1e-4)
         np.testing.assert_allclose(pair.nearest.normal[0], [0, 0, 1], atol=1e-6)
         assert pair.limit == 0.002
         # the middle has no single way out, and still a normal
-        cables = {"lead": _shapes([_line([-0.15, 0, 0], [1, 0, 0])], LENGTH)}
+        cables = {"lead": shapes([line([-0.15, 0, 0], [1, 0, 0])], LENGTH)}
         pair = measure(problem, load_scene(problem), [0.0], cables).pairs[0]
         assert np.all(np.isfinite(pair.nearest.normal))
 
@@ -167,8 +106,8 @@ def test_cable_along_a_surface_is_certain(tmp_path):
     plate = trimesh.creation.box((400, 400, 2)).subdivide().subdivide().subdivide()
     plate.export(tmp_path / "plate.stl")
     problem = problem_with(Part(MeshFile(tmp_path / "plate.stl", "mm")), limits=Limits(clearance=0.001))
-    lines = [_line([-0.15, 0.01 * i, 0.01], [1, 0, 1e-3 * i]) for i in range(5)]
-    pair = measure(problem, load_scene(problem), np.linspace(0, 1, 5), {"lead": _shapes(lines, LENGTH)}).pairs[0]
+    lines = [line([-0.15, 0.01 * i, 0.01], [1, 0, 1e-3 * i]) for i in range(5)]
+    pair = measure(problem, load_scene(problem), np.linspace(0, 1, 5), {"lead": shapes(lines, LENGTH)}).pairs[0]
     assert pair.certified_along_arc
     assert pair.worst == pytest.approx(0.009 - DIAMETER / 2, abs=1e-7)
 
@@ -176,14 +115,14 @@ def test_cable_along_a_surface_is_certain(tmp_path):
 def test_open_part_is_told(tmp_path):
     MESHES["open"].export(tmp_path / "open.stl")
     problem = problem_with(Part(MeshFile(tmp_path / "open.stl", "mm")))
-    cables = {"lead": _shapes([_helix(0.03, 0.1)], LENGTH)}
+    cables = {"lead": shapes([helix(0.03, 0.1)], LENGTH)}
     assert not measure(problem, load_scene(problem), [0.0], cables).pairs[0].closed
 
 
 def test_budget_is_admitted(tmp_path, rng):
     MESHES["annulus"].export(tmp_path / "part.stl")
     problem = problem_with(Part(MeshFile(tmp_path / "part.stl", "mm")))
-    cables = {"lead": _shapes([_helix(0.05, 0.03, centre=(0, 0, -0.015))], LENGTH)}
+    cables = {"lead": shapes([helix(0.05, 0.03, centre=(0, 0, -0.015))], LENGTH)}
     poor = measure(problem, load_scene(problem), [0.0], cables, Options(most_queries=3)).pairs[0]
     rich = measure(problem, load_scene(problem), [0.0], cables).pairs[0]
     assert not poor.certified_along_arc
@@ -200,12 +139,10 @@ def test_part_on_the_clamps_own_body_does_not_count_near_it():
     block, still = Part(Box((0.02, 0.02, 0.02)), position=(0, 0, -0.01)), np.array([0.0, 1.0])
     far = Part(Box((0.02, 0.02, 0.02)), "arm", position=(0, 0, LENGTH + 0.01))
     arm = Body(Hinge((0, 0, 0), (0, 0, 1), 0.0, 0.3))
-    cables = {"lead": _shapes([_line([0, 0, 0], [0, 0, 1])] * 2, LENGTH)}
+    cables = {"lead": shapes([line([0, 0, 0], [0, 0, 1])] * 2, LENGTH)}
     worst = {}
     for ends in (("world", "arm"), ("arm", "world"), ("world", "world")):
-        problem = Problem(
-            _cables(bodies=ends), {"arm": arm}, {"block": block, "far": far}, limits=Limits(clearance=limit)
-        )
+        problem = Problem(runs(bodies=ends), {"arm": arm}, {"block": block, "far": far}, limits=Limits(clearance=limit))
         for pair in measure(problem, load_scene(problem), still, cables).pairs[:2]:
             worst[ends, pair.obstacle] = pair.worst, pair.excluded
     away, touching = pytest.approx(reach - DIAMETER / 2), pytest.approx(-DIAMETER / 2)
@@ -218,9 +155,9 @@ def test_part_on_the_clamps_own_body_does_not_count_near_it():
 
 
 def test_cable_to_cable_against_every_pair(rng):
-    problem = Problem(_cables("one", "two"), limits=Limits(clearance=0.002))
-    ones, twos = _random_helices(rng, 10), _random_helices(rng, 10)
-    cables = {"one": _shapes(ones, LENGTH), "two": _shapes(twos, LENGTH)}
+    problem = Problem(runs("one", "two"), limits=Limits(clearance=0.002))
+    ones, twos = random_helices(rng, 10), random_helices(rng, 10)
+    cables = {"one": shapes(ones, LENGTH), "two": shapes(twos, LENGTH)}
     result = measure(problem, load_scene(problem), np.linspace(0, 1, 10), cables)
     assert [(pair.cable, pair.obstacle) for pair in result.pairs] == [
         ("one", "cable:one"),
@@ -251,9 +188,9 @@ def test_cable_to_cable_against_every_pair(rng):
 @pytest.mark.parametrize(("radius", "pitch"), [(0.012, 0.008), (0.02, 0.009), (0.03, 0.2), (10.0, 1.0)])
 def test_self_clearance_against_every_pair(radius, pitch):
     limit = 0.002
-    problem = Problem(_cables(), limits=Limits(clearance=limit))
-    curves = [_helix(radius, pitch * (1 + 0.1 * i)) for i in range(3)]
-    pair = measure(problem, load_scene(problem), np.linspace(0, 1, 3), {"lead": _shapes(curves, LENGTH, 201)}).pairs[0]
+    problem = Problem(runs(), limits=Limits(clearance=limit))
+    curves = [helix(radius, pitch * (1 + 0.1 * i)) for i in range(3)]
+    pair = measure(problem, load_scene(problem), np.linspace(0, 1, 3), {"lead": shapes(curves, LENGTH, 201)}).pairs[0]
     gap = np.pi / 2 * (DIAMETER + limit)
     dense = np.linspace(0, LENGTH, 2001)
     allowed = dense[None] - dense[:, None] >= gap
@@ -274,7 +211,7 @@ def test_hairpin_at_the_limit_just_passes():
     """Limbs the limit apart: the rule that leaves neighbours out sees them at exactly the limit."""
     limit = 0.004
     half = 0.5 * (DIAMETER + limit)
-    problem = Problem(_cables(), limits=Limits(clearance=limit))
+    problem = Problem(runs(), limits=Limits(clearance=limit))
     arc = np.pi * half
     leg = 0.5 * (LENGTH - arc)
 
@@ -287,15 +224,15 @@ def test_hairpin_at_the_limit_just_passes():
         bend = ((s > leg) & (s < leg + arc)) / half
         return r, t, np.stack([np.cos(a) * bend, zero, -np.sin(a) * bend], -1)
 
-    pair = measure(problem, load_scene(problem), [0.0], {"lead": _shapes([hairpin], LENGTH, 401)}).pairs[0]
+    pair = measure(problem, load_scene(problem), [0.0], {"lead": shapes([hairpin], LENGTH, 401)}).pairs[0]
     assert pair.worst == pytest.approx(limit, abs=1e-5)
 
 
 def test_crossing_cables_have_a_normal():
-    problem = Problem(_cables("one", "two"), limits=Limits(clearance=0.002))
+    problem = Problem(runs("one", "two"), limits=Limits(clearance=0.002))
     cables = {
-        "one": _shapes([_line([-0.15, 0, 0], [1, 0, 0])], LENGTH),
-        "two": _shapes([_line([0, -0.15, 0], [0, 1, 0])], LENGTH),
+        "one": shapes([line([-0.15, 0, 0], [1, 0, 0])], LENGTH),
+        "two": shapes([line([0, -0.15, 0], [0, 1, 0])], LENGTH),
     }
     pair = measure(problem, load_scene(problem), [0.0], cables).pairs[1]
     assert pair.worst == pytest.approx(-DIAMETER)
@@ -304,7 +241,7 @@ def test_crossing_cables_have_a_normal():
 
 @pytest.mark.parametrize("radius", [0.003, 0.01, 1.0])
 def test_sag_bounds_the_way_from_chord_to_arc(radius):
-    curve = _helix(radius, 0.01)
+    curve = helix(radius, 0.01)
     for length in np.geomspace(1e-4, 0.02, 12):
         s = np.linspace(0.02, 0.02 + length, 201)
         r = curve(s)[0]
@@ -334,7 +271,7 @@ def test_segments_against_sampling(rng):
 def test_same_question_same_answer(tmp_path, rng):
     MESHES["annulus"].export(tmp_path / "part.stl")
     problem = problem_with(Part(MeshFile(tmp_path / "part.stl", "mm")), limits=Limits(clearance=0.01))
-    cables = {"lead": _shapes(_random_helices(rng, 4), LENGTH)}
+    cables = {"lead": shapes(random_helices(rng, 4), LENGTH)}
     answers = [measure(problem, load_scene(problem), np.linspace(0, 1, 4), cables) for _ in range(2)]
     for one, two in zip(*(answer.pairs for answer in answers), strict=True):
         assert one.lower_bound == two.lower_bound
@@ -345,7 +282,7 @@ def test_same_question_same_answer(tmp_path, rng):
 def test_short_cables_say_what_was_left_out():
     short = CableRun(Cable(0.01, 0.005, 1e-3, 1e-3), End(position=(0, 0, 0)), End(position=(0, 0, 0.01)))
     problem = Problem({"stub": short}, parts={"ball": Part(Sphere(0.1))}, limits=Limits(clearance=0.01))
-    cables = {"stub": _shapes([_line([0, 0, 0], [0, 0, 1])], 0.01, 11)}
+    cables = {"stub": shapes([line([0, 0, 0], [0, 0, 1])], 0.01, 11)}
     result = measure(problem, load_scene(problem), [0.0], cables)
     assert result.pairs == ()
     assert len(result.left_out) == 2

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -280,3 +282,17 @@ def test_scene_is_light_without_meshes():
         "assert not {'coal', 'trimesh', 'casadi'} & set(sys.modules), sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_random_pairs_of_cables_and_meshes(rng):
+    """As many of the 10,000 pairs of ``scripts/clearance_oracle.py`` as a test has time for."""
+    script = Path(__file__).resolve().parent.parent / "scripts" / "clearance_oracle.py"
+    spec = importlib.util.spec_from_file_location("clearance_oracle", script)
+    oracle = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(oracle)
+    for kind, row in oracle.compare(288, rng).items():
+        assert row["pairs"] == 48
+        assert row["wrong sides"] == row["not finite"] == 0, kind
+        assert row["distance"] < 1e-12, kind
+        assert row["bound"] < 1e-12 and row["worst"] < 1e-12, kind
+        assert row["gradient"] < 1e-3, kind
