@@ -122,7 +122,9 @@ _as_json = click.option("--json", "as_json", is_flag=True, help="The summary on 
 def _running(command: Callable[..., int]) -> Callable[..., int]:
     """Add the argument and the options of the commands that write results."""
     for decorate in (
-        click.option("--no-pictures", "pictures", flag_value=False, default=True, help="Draw no pictures."),
+        click.option(
+            "--no-pictures", "pictures", flag_value=False, default=True, help="Write no report and draw no pictures."
+        ),
         click.option("--quiet", "-q", is_flag=True, help="No progress and no table."),
         _as_json,
         click.option(
@@ -325,7 +327,7 @@ def _run(command: str, file: Path, wanted: _Wanted, solve: Solve) -> int:
         try:
             interrupts.stop_here()
             if wanted.pictures and summary["frames"]:
-                summary = _with_pictures(folder, (result, measured, command)) or summary
+                summary = _with_pictures(folder, (result, measured, command), scene)
         except KeyboardInterrupt:
             interrupts.asked = True
     _show(wanted, summary, place)
@@ -390,22 +392,26 @@ def _measured(result: Motion | Redesign, scene: Scene) -> tuple[Motion | Redesig
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 
-def _with_pictures(folder: Path, found: _Found) -> _Summary | None:
-    """Write the results again, with pictures; where none can be drawn say why, and return None.
+def _with_pictures(folder: Path, found: _Found, scene: Scene) -> _Summary:
+    """Write the results again with a report, and then with pictures; where none can be drawn say why.
 
-    The results stand already, so that nothing that a graphics driver does can cost them.
+    The results stand already, and the report before the pictures, so that nothing that a graphics driver does can
+    cost them.
     """
+    from .html_report import prepare, write_report
     from .report import write_results
 
+    result, measured, command = found
+    page = functools.partial(write_report, prepare(result, measured, scene))
+    content = write_results(result, folder, measured=measured, command=command, page=page)
     try:
         from .pictures import write_pictures
 
-        result, measured, command = found
         draw = functools.partial(write_pictures, clearances=measured)
-        return write_results(result, folder, measured=measured, command=command, pictures=draw)
+        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page)
     except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers
         _tell(f"Pictures left out: {_remedied(error)}")
-        return None
+        return content
 
 
 def _remedied(error: Exception) -> str:

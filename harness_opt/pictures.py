@@ -37,7 +37,7 @@ from .drawing import (
     solid,
     tube,
 )
-from .limits import all_limits
+from .limits import all_limits, most_urgent
 from .opengl import drawable, load_pyvista
 from .results import LimitResult, Motion
 from .rotations import Array
@@ -100,16 +100,9 @@ def worst_view(
 ) -> View:
     """Return the view of the row of ``rows`` that people look at first.
 
-    A violated limit comes before one that holds, clearance before bend radius before the rest, and then the
-    smallest margin. Without rows, the smallest clearance to a part, or else the smallest bend radius.
+    Without rows, the smallest clearance to a part, or else the smallest bend radius.
     """
-    order = {"clearance": 0, "bend_radius": 1}
-
-    def urgency(row: LimitResult) -> tuple[bool, int, float]:
-        scale = row.limit + motion.problem.cables[row.cable].cable.radius
-        return row.margin >= 0, order.get(row.name, 2), row.margin / scale
-
-    row = min(rows or _rows_of_zero(motion, scene), key=urgency)
+    row = most_urgent(motion.problem, rows or _rows_of_zero(motion, scene))
     return View(Moment.of(motion, scene, row.frame, palette), row, title)
 
 

@@ -37,16 +37,16 @@ def table(limits: Sequence[Mapping[str, Any]]) -> str:
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     unit, scale = UNITS[row["name"]]
     return (
-        _label(row["name"]),
+        label(row["name"]),
         row["cable"],
-        _part(row) or "-",
+        against(row) or "-",
         _number(row["limit"], scale),
         _number(row["worst"], scale),
         _number(row["margin"], scale, "+"),
         unit,
-        _percent(row["motion"]),
+        percent(row["motion"]),
         f"{1e3 * row['arc_length']:.0f}",
-        "OK" if _holds(row) else "VIOLATED",
+        "OK" if holds(row) else "VIOLATED",
     )
 
 
@@ -65,15 +65,24 @@ def _number(value: float | None, scale: float, sign: str = "") -> str:
     return format(scaled, f"{sign}.2g") if abs(scaled) >= LARGE else format(scaled, f"{sign}.2f")
 
 
-def _percent(motion: float) -> str:
+def percent(motion: float) -> str:
+    """Return a moment of the motion, given 0 to 1, as ``28.1%``."""
     return f"{100 * motion:.1f}%"
 
 
-def _label(name: str) -> str:
+def quantity(name: str, value: float | None, sign: str = "") -> str:
+    """Return a value of the limit called ``name``, in the unit of the problem file, as ``3.01 mm``."""
+    unit, scale = UNITS[name]
+    return f"{_number(value, scale, sign)} {unit}"
+
+
+def label(name: str) -> str:
+    """Return the words for the limit called ``name``."""
     return name.removesuffix("_deg_per_m").replace("_", " ")
 
 
-def _part(row: Mapping[str, Any]) -> str:
+def against(row: Mapping[str, Any]) -> str:
+    """Return what a row's clearance is measured to; nothing for other limits."""
     part = row["part"] or ""
     other = part.removeprefix("cable:")
     if other == part:
@@ -81,21 +90,22 @@ def _part(row: Mapping[str, Any]) -> str:
     return "itself" if other == row["cable"] else f"cable {other}"
 
 
-def _holds(row: Mapping[str, Any]) -> bool:
+def holds(row: Mapping[str, Any]) -> bool:
+    """Return whether a row's limit holds."""
     return row["margin"] is not None and row["margin"] >= 0
 
 
 def limit_words(row: Mapping[str, Any]) -> str:
     """Return what a row is about: ``clearance of lead to bracket``."""
-    part = _part(row)
-    return f"{_label(row['name'])} of {row['cable']}" + (f" to {part}" if part else "")
+    part = against(row)
+    return f"{label(row['name'])} of {row['cable']}" + (f" to {part}" if part else "")
 
 
 def report(summary: Mapping[str, Any]) -> str:
     """Return a whole summary in words: title, limits, what changed, what to know, the verdict last."""
     blocks = [_headline(summary), table(summary["limits"]), _changes(summary)]
-    notes = [*_notes(summary), conclusion(summary)]
-    blocks.append("\n".join(_wrapped(note) for note in notes))
+    told = [*notes(summary), conclusion(summary)]
+    blocks.append("\n".join(_wrapped(note) for note in told))
     return "\n\n".join(block for block in blocks if block)
 
 
@@ -117,9 +127,10 @@ def _changes(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _notes(summary: Mapping[str, Any]) -> Iterable[str]:
+def notes(summary: Mapping[str, Any]) -> Iterable[str]:
+    """Give what to know about a summary, a sentence each."""
     for snap in summary["snaps"]:
-        at = f"motion {_percent(snap['motion'])} (frame {snap['frame']})"
+        at = f"motion {percent(snap['motion'])} (frame {snap['frame']})"
         yield f"Cable {snap['cable']} snaps to another shape at {at}."
     if summary["frames"] and not summary["stable"]:
         yield "Some frames show an unstable shape."
@@ -147,7 +158,7 @@ def _excluded(entry: Mapping[str, Any]) -> str:
 def conclusion(summary: Mapping[str, Any]) -> str:
     """Return the verdict as a sentence or two."""
     limits, status = summary["limits"], summary["status"]
-    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if not _holds(row)]
+    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if not holds(row)]
     if status == "unsolved":
         return f"Not solved: {summary['message'] or summary['reason']}"
     if status == "infeasible":
@@ -167,7 +178,7 @@ def _shortfall(row: Mapping[str, Any]) -> str:
     if row["margin"] is None:
         return "not known"
     unit, scale = UNITS[row["name"]]
-    return f"by {_number(-row['margin'], scale)} {unit} at motion {_percent(row['motion'])}"
+    return f"by {_number(-row['margin'], scale)} {unit} at motion {percent(row['motion'])}"
 
 
 def _wrapped(words: str) -> str:

@@ -458,7 +458,7 @@ def test_pictures_are_drawn_into_the_folder(here, monkeypatch):
 
     monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(write_pictures=draw))
     assert main(["simulate", put(FLAP), "-q"]) == 0
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "worst.png"]
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "worst.png"]
     assert "pictures" not in read_results("results/flap").summary["left_out"]
 
 
@@ -480,7 +480,8 @@ def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error
     assert err.splitlines()[-1].startswith("Pictures left out: ")
     assert words in err
     assert "VIOLATED" in out
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json"]
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json"], "the report needs none"
+    assert "other cables, pictures." in Path("results/flap/report.html").read_text(encoding="utf-8")
 
 
 def test_no_pictures_room_at_all(here, capsys, monkeypatch):
