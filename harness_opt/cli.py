@@ -405,9 +405,9 @@ def _with_pictures(folder: Path, found: _Found, scene: Scene) -> _Summary:
     page = functools.partial(write_report, prepare(result, measured, scene))
     content = write_results(result, folder, measured=measured, command=command, page=page)
     try:
-        from .pictures import write_pictures
+        from .animation import write_pictures_and_film
 
-        draw = functools.partial(write_pictures, clearances=measured)
+        draw = functools.partial(write_pictures_and_film, clearances=measured)
         return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page)
     except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers
         _tell(f"Pictures left out: {_remedied(error)}")

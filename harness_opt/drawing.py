@@ -29,6 +29,7 @@ FEATURE_ANGLE = 30.0  # degrees between faces from which an edge is drawn
 
 TOUCHES, SHORT = "#e0141e", "#f28e1c"
 CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # far from the two of trouble
+AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
 STILL_PART, MOVING_PART, HIT_PART = "#c9cdd2", "#a9b4c2", "#f0a8a4"
 EDGE, INK = "#3c434b", "#1e2328"
 TUBE: dict[str, Any] = {"ambient": 0.12, "specular": 0.25, "render": False}

@@ -6,9 +6,9 @@ Jinja escapes every string of the user's; the page's own policy lets no script r
 from __future__ import annotations
 
 import base64
+import dataclasses
 import datetime
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -17,14 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import charts, colouring, report_words
+from . import charts, colour_keys, report_words
 from .clearance import ClearanceResult, measure
 from .data_sheet import data_sheets
 from .file_writer import problem_text
 from .limits import all_limits, bending, most_urgent
-from .problem import Problem
 from .results import Motion
-from .rotations import Array
 from .scene import Scene, load_scene
 from .web_scene import part_data, scene_data, view_data
 
@@ -37,8 +35,6 @@ FILE = "report.html"
 SCRIPTS = ("geometry.js", "view.js", "stage.js", "page.js")  # in the order they are read
 COLOURS = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # of cables, as in the pictures
 COLOURS_AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")
-LIMIT_ROOM = 0.2  # of a key: other ticks keep so far from the limit's
-KEY_TICKS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,54 +115,24 @@ def _stage(
     worst = []
     for one, clearances in acts:
         rows = all_limits(one.problem, one, clearances)
-        frame = most_urgent(one.problem, rows).frame if rows else int(np.argmax(np.max(_bends(one), axis=0)))
+        frame = most_urgent(one.problem, rows).frame if rows else _most_bent(one)
         worst.append(float(one.motion[frame]))
     shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in acts]
     return {
         "scenes": scenes,
         "parts": part_data(motion, scene),
         "view": view_data(shown),
-        "scales": _scales(motion.problem, acts),
+        "scales": {mode: dataclasses.asdict(key) for mode, key in colour_keys.keys(acts).items()},
+        "ramp": colour_keys.RAMP,
         "duration": motion.problem.duration,
         "worst": worst[0],
         "begin": worst[0],
     }
 
 
-def _bends(motion: Motion) -> Array:
-    """Return the largest curvature of each cable in each frame, (cables, P), 1/m."""
-    return np.array([bending(cable).max(axis=1) for cable in motion.cables.values()])
-
-
-# --- keys of the colours -------------------------------------------------------------------------------
-
-
-def _scales(problem: Problem, acts: list[tuple[Motion, ClearanceResult]]) -> Json:
-    """Return the key of each way to colour a cable: where its numbers stand, 0 to 1, and their words."""
-    limits = problem.limits
-    bend = max([float(_bends(one).max()) for one, _ in acts] + ([1 / limits.bend_radius] if limits.bend_radius else []))
-    twists = [np.abs(c.curvature[..., 2]).max() for one, _ in acts for c in one.cables.values()]
-    twist = math.degrees(max([*twists, limits.twist or 0.0]))
-    allowed = [pair.limit for _, clearances in acts for pair in clearances.pairs if pair.limit]
-    far = colouring.far(problem)
-    steps = [k / (KEY_TICKS - 1) for k in range(KEY_TICKS)]
-    key_bend = [(t, f"{1e3 / (t * bend):.0f} mm" if t * bend > 0 else "straight") for t in steps]
-    key_twist = [(t, f"{t * twist:.0f} deg/m") for t in steps]
-    key_far = [(1 - t, f"{1e3 * t * far:.3g} mm" + (" and more" if t == 1 else "")) for t in steps]
-    radius, turn = limits.bend_radius, None if limits.twist is None else math.degrees(limits.twist)
-    return {
-        "bend": _key("Bend radius", bend, key_bend, radius and (1 / radius / bend, f"limit {1e3 * radius:.3g} mm")),
-        "twist": _key("Twist", twist, key_twist, turn and (turn / max(twist, 1e-12), f"limit {turn:.0f} deg/m")),
-        "clearance": _key(
-            "Clearance", far, key_far, allowed and (1 - min(allowed) / far, f"limit {1e3 * min(allowed):.3g} mm")
-        ),
-    }
-
-
-def _key(title: str, most: float, ticks: list[tuple[float, str]], limit: Any) -> Json:
-    """Return one key; ``limit`` is place and words, or nothing."""
-    words = [(*tick, False) for tick in ticks if not limit or abs(tick[0] - limit[0]) > LIMIT_ROOM]
-    return {"title": title, "most": most or 1.0, "ticks": [*words, (*limit, True)] if limit else words}
+def _most_bent(motion: Motion) -> int:
+    """Return the frame with the smallest bend radius."""
+    return int(np.argmax(np.max([bending(cable).max(axis=1) for cable in motion.cables.values()], axis=0)))
 
 
 # --- the page ------------------------------------------------------------------------------------------

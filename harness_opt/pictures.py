@@ -15,6 +15,7 @@ from . import rotations
 from .camera import TANGENT, TITLE_ROOM, Camera
 from .clearance import ClearanceResult, measure
 from .drawing import (
+    AFTER,
     CABLES,
     EDGE,
     ENDS,
@@ -53,7 +54,6 @@ __all__ = ["View", "show", "still", "worst_view", "write_pictures"]
 
 GHOSTS = (0.0, 1 / 3, 2 / 3, 1.0)  # moments of the motion that are drawn faintly
 GHOST_GAP = 0.1  # of the motion, within which a ghost would hide in the moment shown
-AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
 SLEEVE = "#4a525b"
 RING = 2.6  # radii of the cable, of the ring around the worst
 LEAST_RING = 16  # pixels

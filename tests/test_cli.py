@@ -411,7 +411,7 @@ def test_an_interrupt_while_pictures_are_drawn_keeps_the_result(here, monkeypatc
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("still drawing")
 
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(write_pictures=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(FLAP), "-q"]) == 130
     stored = read_results("results/flap").summary
     assert (stored["status"], stored["left_out"][-1]) == ("ok", "pictures")
@@ -445,7 +445,7 @@ def test_handlers_are_put_back():
 
 def stand_in(**functions: object) -> types.ModuleType:
     """Return a room of pictures that draws as told."""
-    module = types.ModuleType("harness_opt.pictures")
+    module = types.ModuleType("harness_opt.stand_in")
     vars(module).update(functions)
     return module
 
@@ -456,7 +456,7 @@ def test_pictures_are_drawn_into_the_folder(here, monkeypatch):
         (folder / "worst.png").write_bytes(b"PNG")
         return ["worst.png"]
 
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(write_pictures=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(FLAP), "-q"]) == 0
     assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "worst.png"]
     assert "pictures" not in read_results("results/flap").summary["left_out"]
@@ -474,7 +474,7 @@ def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error
     def draw(*_: object, **__: object) -> list[str]:
         raise error
 
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(write_pictures=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(HIT)]) == 1
     out, err = capsys.readouterr()
     assert err.splitlines()[-1].startswith("Pictures left out: ")
@@ -485,7 +485,7 @@ def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error
 
 
 def test_no_pictures_room_at_all(here, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", None)
+    monkeypatch.setitem(sys.modules, "harness_opt.animation", None)
     assert main(["simulate", put(FLAP)]) == 0
     assert 'pip install "harness-opt[pictures]"' in capsys.readouterr().err
 

@@ -60,6 +60,7 @@ function drawKey(mode) {
   one("#ramp").hidden = !scale;
   one("#states").hidden = Boolean(scale);
   if (!scale) return;
+  one("#bar").style.background = `linear-gradient(90deg, ${data.ramp.map(([at, hex]) => `${hex} ${100 * at}%`).join(", ")})`;
   one("#quantity").textContent = scale.title;
   one("#ticks").replaceChildren(...scale.ticks.map(([at, words, limit]) => {
     const tick = document.createElement("span");

@@ -1,16 +1,15 @@
 // The scene: parts, cables, ghosts, clamp frames and closest points of one or two motions, at a moment of them.
 
 const SIDES = 18;
-const RAMP = [[0, "#2c6fa6"], [0.35, "#4fae9b"], [0.6, "#dcc94c"], [0.8, "#e8872c"], [1, "#d01c1f"]];
 const STATES = [null, "#f28e1c", "#e0141e"]; // of a point: limits hold, one is broken, it touches
 const AXES = ["#d62728", "#2ca02c", "#1f5fd0"]; // d1, d2, d3
 const SLEEVE = "#4a525b";
 
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
 
-function ramp(t) {
-  const at = Math.max(0, Math.min(1, t)), k = Math.max(1, RAMP.findIndex(([stop]) => stop >= at));
-  const [[from, one], [to, other]] = [RAMP[k - 1], RAMP[k]], share = (at - from) / (to - from);
+function ramp(stops, t) {
+  const at = Math.max(0, Math.min(1, t)), k = Math.max(1, stops.findIndex(([stop]) => stop >= at));
+  const [[from, one], [to, other]] = [stops[k - 1], stops[k]], share = (at - from) / (to - from);
   return add(scale(rgb(one), 1 - share), rgb(other), share);
 }
 
@@ -149,10 +148,10 @@ class Stage {
   }
 
   colour(cable, k, mode) {
-    const { scales } = this.data;
-    if (mode === "bend") return ramp(cable.curvature[k] / scales.bend.most);
-    if (mode === "twist") return ramp(cable.twist[k] / scales.twist.most);
-    if (mode === "clearance") return ramp(1 - cable.clearance[k] / scales.clearance.most);
+    const { scales, ramp: stops } = this.data;
+    if (mode === "bend") return ramp(stops, cable.curvature[k] / scales.bend.most);
+    if (mode === "twist") return ramp(stops, cable.twist[k] / scales.twist.most);
+    if (mode === "clearance") return ramp(stops, 1 - cable.clearance[k] / scales.clearance.most);
     const state = STATES[cable.state[k]];
     return state ? rgb(state) : cable.colour;
   }
