@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 WIDTH = 80
@@ -18,6 +19,7 @@ UNITS = {
 }
 HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "arc mm", "")
 LEFT = {0, 1, 2, 6, 9}  # columns set to the left, the others to the right
+SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
 NAMES = (2, 1)  # columns that may be cut, in this order
 LARGE = 1e5  # from which numbers are rounded to two digits: a straight cable's bend radius
 
@@ -53,9 +55,13 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 def _line(row: Sequence[str], widths: Sequence[int]) -> str:
     cells = []
     for i, (cell, width) in enumerate(zip(row, widths, strict=True)):
-        short = cell if len(cell) <= width else cell[: width - 1] + "~"
+        short = _cut(cell, width)
         cells.append(short.ljust(width) if i in LEFT else short.rjust(width))
     return " ".join(cells).rstrip()
+
+
+def _cut(words: str, width: int) -> str:
+    return words if len(words) <= width else words[: width - 1] + "~"
 
 
 def _number(value: float | None, scale: float, sign: str = "") -> str:
@@ -103,10 +109,68 @@ def limit_words(row: Mapping[str, Any]) -> str:
 
 def report(summary: Mapping[str, Any]) -> str:
     """Return a whole summary in words: title, limits, what changed, what to know, the verdict last."""
-    blocks = [_headline(summary), table(summary["limits"]), _changes(summary)]
+    blocks = [_headline(summary), table(summary["limits"]), data_sheet(summary), _changes(summary)]
     told = [*notes(summary), conclusion(summary)]
     blocks.append("\n".join(_wrapped(note) for note in told))
     return "\n\n".join(block for block in blocks if block)
+
+
+def data_sheet(summary: Mapping[str, Any]) -> str:
+    """Return what cable makers state, a line for each cable; nothing where nothing was solved."""
+    rows = [SHEET]
+    for name, sheet in summary.get("data_sheet", {}).items():
+        straight = sheet["bend_radius"] >= LARGE
+        rows.append(
+            (
+                name,
+                "straight" if straight else f"{1e3 * sheet['bend_radius']:.1f} mm",
+                "-" if straight else f"{sheet['bend_diameters']:.1f}",
+                f"{sheet['twist_deg_per_m']:.0f} deg/m",
+                f"{sheet['bend_range']['range']:.3g} 1/m",
+                f"{sheet['twist_range_deg_per_m']['range']:.0f} deg/m",
+                "-" if sheet["sag"] is None else f"{1e3 * sheet['sag']:.0f} mm",
+            )
+        )
+    if len(rows) == 1:
+        return ""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(SHEET))]
+    widths[0] = min(widths[0], max(NARROWEST, WIDTH - sum(widths[1:]) - len(widths) + 1))
+    lines = [
+        " ".join(
+            _cut(c, w).ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
+    return "\n".join(lines)
+
+
+def advice(summary: Mapping[str, Any], folder: Path | None) -> list[str]:
+    """Return what to do next, a line each.
+
+    Args:
+        summary: of a run.
+        folder: where its results were written, or None.
+    """
+    file, lines = summary["problem"]["file"], []
+    if folder is None:
+        return []
+    if summary["command"] == "simulate" and summary["status"] == "violated" and file:
+        lines.append(f"Next: harness-opt redesign {_shown(file)}")
+    elif summary["command"] == "redesign" and summary["status"] == "ok":
+        lines.append(f"Next: harness-opt simulate {folder / 'redesigned.toml'}")
+    elif summary["status"] == "infeasible":
+        lines.append("Next: widen bounds in [design.variables], let more change, or relax a limit in the way.")
+    if "report.html" in summary["files"]:
+        lines += [f"Report: {folder / 'report.html'}", f"Window: harness-opt show {folder}"]
+    return lines
+
+
+def _shown(file: str) -> str:
+    """Return a file's path from here where that is shorter."""
+    try:
+        return str(Path(file).relative_to(Path.cwd()))
+    except ValueError:
+        return file
 
 
 def _headline(summary: Mapping[str, Any]) -> str:

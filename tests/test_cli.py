@@ -520,10 +520,130 @@ def test_help(capsys, arguments):
     assert "harness-opt" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", ["check", "simulate", "redesign", "show", "schema"])
+@pytest.mark.parametrize("command", sorted(cli.commands.commands))
 def test_every_command_has_an_example(capsys, command):
     assert main([command, "--help"]) == 0
     assert f"harness-opt {command}" in capsys.readouterr().out.partition("Options:")[0].partition("\n")[2]
+
+
+def test_a_new_problem_runs_and_can_be_redeemed(here, capsys):
+    assert main(["new", "my 'cable'"]) == 0
+    file = "my 'cable'.toml"
+    assert f"harness-opt check {file}" in capsys.readouterr().out
+    assert read_problem(file).title == "my 'cable'"
+    assert main(["check", file]) == 0
+    assert main(["redesign", file, *PLAIN]) == 0
+    out = capsys.readouterr().out
+    assert out.endswith("Next: harness-opt simulate results/my 'cable'/redesigned.toml\n")
+    before = Path(file).read_bytes()
+    assert main(["new", file]) == 2
+    assert "expected a new one" in capsys.readouterr().err
+    assert Path(file).read_bytes() == before
+    assert main(["new", "nowhere/file"]) == 2
+    assert "nowhere/file.toml: found no way to write it" in capsys.readouterr().err
+
+
+def test_what_to_do_next(here, capsys):
+    assert main(["simulate", put(HIT), *PLAIN]) == 1
+    assert capsys.readouterr().out.endswith("Next: harness-opt redesign flap.toml\n")
+    assert main(["simulate", put(FLAP), *PLAIN]) == 0
+    assert capsys.readouterr().out.endswith(f"Results: results/flap{os.sep}\n")
+    assert main(["redesign", put(WALLED), *PLAIN]) == 1
+    assert "Next: widen bounds in [design.variables]" in capsys.readouterr().out
+
+
+def test_the_report_is_named(here, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=lambda *_, **__: []))
+    assert main(["simulate", put(FLAP)]) == 0
+    assert "Report: results/flap/report.html\n" in capsys.readouterr().out
+
+
+def test_colours_only_where_they_are_wanted(here):
+    put(FLAP)
+    plain = run("simulate", "flap.toml", *PLAIN, cwd=here).stdout
+    assert "\x1b" not in plain
+    assert cli._coloured("margin OK\nmargin VIOLATED\nOK is a name") == (
+        "margin\x1b[32m OK\x1b[0m\nmargin\x1b[31m\x1b[1m VIOLATED\x1b[0m\nOK is a name"
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+@pytest.mark.parametrize("no_color", [False, True])
+def test_a_terminal_gets_colours_unless_told_not_to(here, no_color):
+    import pty
+
+    put(HIT)
+    ours, theirs = pty.openpty()
+    variables = {**environment(), "TERM": "xterm"} | ({"NO_COLOR": "1"} if no_color else {})
+    command = [sys.executable, "-m", "harness_opt", "simulate", "flap.toml", *PLAIN]
+    process = subprocess.Popen(command, cwd=here, env=variables, stdin=theirs, stdout=theirs, stderr=subprocess.DEVNULL)
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(ours, 4096)
+        except OSError:  # the other end is closed
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(ours)
+    assert process.wait() == 1
+    assert (b"\x1b[31m" in shown) is not no_color
+    assert b"VIOLATED" in shown
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion(here, capsys, shell):
+    assert main(["completion", shell]) == 0
+    assert f"_HARNESS_OPT_COMPLETE={shell}_complete" in capsys.readouterr().out
+    variables = {
+        **environment(),
+        "_HARNESS_OPT_COMPLETE": "bash_complete",
+        "COMP_WORDS": "harness-opt ex",
+        "COMP_CWORD": "1",
+    }
+    command = [sys.executable, "-m", "harness_opt"]
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
+    assert done.stdout.splitlines() == ["plain,export"]
+
+
+def test_export(here, capsys):
+    assert main(["simulate", put(FLAP), *PLAIN, "-q"]) == 0
+    assert main(["export", "results/flap", "--to", "csv", "--to", "gltf"]) == 0
+    assert capsys.readouterr().out.splitlines()[0].startswith("results/flap/export/lead.csv: ")
+    assert sorted(os.listdir("results/flap/export")) == ["lead.csv", "motion.glb"]
+    assert main(["export", "results/flap", "--to", "csv", "-o", "elsewhere"]) == 0
+    assert os.listdir("elsewhere") == ["lead.csv"]
+    assert main(["simulate", put(FLAP), *PLAIN, "-q"]) == 0
+    assert "export" not in os.listdir("results/flap"), "what was exported of an earlier result goes with it"
+
+
+def test_export_that_cannot_be(here, capsys, monkeypatch):
+    assert main(["export", "nowhere", "--to", "csv"]) == 2
+    assert "nowhere: found no result" in capsys.readouterr().err
+    assert main(["export", "nowhere", "--to", "vrml"]) == 2
+    assert "'paraview'" in capsys.readouterr().err
+    assert main(["simulate", put(FLAP), *PLAIN, "-q"]) == 0
+    monkeypatch.setitem(sys.modules, "manifold3d", None)
+    assert main(["export", "results/flap", "--to", "stl"]) == 2
+    assert 'Nothing exported to stl: found no manifold3d, expected the extra "harness-opt[meshes]"' in (
+        capsys.readouterr().err
+    )
+
+
+def test_progress_tells_the_time_left(monkeypatch):
+    clock = iter([0.0, 10.0, 20.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    stream = io.StringIO()
+    with Interrupts(print) as interrupts, progress_for(interrupts, stream) as progress:
+        for done in (2, 12, 22):
+            progress("lead", done, 52)
+    assert stream.getvalue().splitlines() == [
+        "lead: 2 of 52 frames",
+        "lead: 12 of 52 frames, about 40 s left",
+        "lead: 22 of 52 frames, about 30 s left",
+    ]
 
 
 def test_a_terminal_gets_a_bar(monkeypatch):
