@@ -95,7 +95,8 @@ function draw(printing = false) {
       labels.push(label);
     };
     if (act.scene.title) put(act.scene.title, "title", column / shown.length, 0);
-    if (witness) put(witness.words, witness.broken ? "witness broken" : "witness", ...witness.at);
+    const side = witness && witness.at[0] * shown.length - column > 0.7 ? " left" : "";
+    if (witness) put(witness.words, `witness${side}${witness.broken ? " broken" : ""}`, ...witness.at);
     return labels;
   }));
 }
