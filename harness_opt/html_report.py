@@ -22,6 +22,7 @@ from .clearance import ClearanceResult, measure
 from .data_sheet import data_sheets
 from .file_writer import problem_text
 from .limits import all_limits, bending, most_urgent
+from .report import summary as summarise
 from .results import Motion
 from .scene import Scene, load_scene
 from .web_scene import part_data, scene_data, view_data
@@ -172,7 +173,7 @@ def html(report: Report, summary: Mapping[str, Any], texts: Mapping[str, str] | 
         variables=report_words.variable_rows(summary),
         redesign_words=list(report_words.redesign_words(summary)),
         before_after=report_words.before_after(summary),
-        cable_charts=report.cable_charts,
+        cable_charts=report.cable_charts if len(motion.motion) > 1 else [],
         curve_numbers=report.curve_numbers,
         chart_note=" Yellow: a snap to another shape." if motion.snaps else "",
         frame={"width": charts.WIDTH, "height": charts.HEIGHT, "left": charts.LEFT, "right": charts.RIGHT,
@@ -261,7 +262,7 @@ def _footer(summary: Mapping[str, Any]) -> str:
     return f"Written {datetime.date.today().isoformat()} by {versions}.{source} Time: {seconds}."
 
 
-def write_report(report: Report, summary: Mapping[str, Any], folder: Path) -> str:
+def write_page(report: Report, summary: Mapping[str, Any], folder: Path) -> str:
     """Write the page into ``folder``, with the redesigned problem file that lies there, and return its name."""
     texts = _texts(report)
     redesigned = folder / "redesigned.toml"
@@ -269,3 +270,24 @@ def write_report(report: Report, summary: Mapping[str, Any], folder: Path) -> st
         texts["redesigned.toml"] = redesigned.read_text(encoding="utf-8")
     (folder / FILE).write_text(html(report, summary, texts), encoding="utf-8")
     return FILE
+
+
+def write_report(result: Motion | Redesign, file: str | Path) -> Path:
+    """Write the report of a result as one HTML file that needs no network, and return its path.
+
+    Args:
+        result: of a simulation or a redesign.
+        file: to write; its folder must be there.
+
+    Raises:
+        ProblemError: a mesh that cannot be read any more.
+        OSError: the file cannot be written.
+    """
+    report = prepare(result)
+    content = summarise(result, report.measured)
+    if isinstance(result, Motion):
+        texts = None
+    else:
+        texts = _texts(report) | {"redesigned.toml": problem_text(result.problem, Path(file).resolve())[0]}
+    Path(file).write_text(html(report, content, texts), encoding="utf-8")
+    return Path(file)

@@ -172,11 +172,11 @@ def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _
     The results stand already, and the report before the pictures, so that nothing that a graphics driver does can
     cost them.
     """
-    from .html_report import prepare, write_report
+    from .html_report import prepare, write_page
     from .report import write_results
 
     result, measured, command = found
-    page = functools.partial(write_report, prepare(result, measured, scene))
+    page = functools.partial(write_page, prepare(result, measured, scene))
     content = write_results(result, folder, measured=measured, command=command, page=page)
     try:
         from .animation import write_pictures_and_film

@@ -161,7 +161,9 @@ def advice(summary: Mapping[str, Any], folder: Path | None) -> list[str]:
     elif summary["status"] == "infeasible":
         lines.append("Next: widen bounds in [design.variables], let more change, or relax a limit in the way.")
     if "report.html" in summary["files"]:
-        lines += [f"Report: {folder / 'report.html'}", f"Window: harness-opt show {folder}"]
+        lines.append(f"Report: {folder / 'report.html'}")
+        if "pictures" not in summary["left_out"]:
+            lines.append(f"Window: harness-opt show {folder}")
     return lines
 
 

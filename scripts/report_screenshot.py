@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 import harness_opt as ho
-from harness_opt.html_report import prepare, write_report
+from harness_opt.html_report import prepare, write_page
 from harness_opt.report import summary
 
 FOLDER = Path(__file__).resolve().parent.parent / "problems" / "lift_arm"
@@ -25,7 +25,7 @@ def main() -> None:
 
     design = ho.redesign(ho.read_problem(FOLDER / "lift_arm.toml"))
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
-        file = Path(folder) / write_report(prepare(design), summary(design), Path(folder))
+        file = Path(folder) / write_page(prepare(design), summary(design), Path(folder))
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=ARGUMENTS)
         page = browser.new_page(viewport=SIZE)
         page.goto(file.as_uri())

@@ -131,13 +131,30 @@ def test_a_result_without_frames_has_a_page_without_a_scene(motion):
     assert "<canvas" not in page and "<script" not in page
 
 
+def test_a_report_from_python(design, tmp_path):
+    file = ho.write_report(design, tmp_path / "flap.html")
+    page = file.read_text(encoding="utf-8")
+    assert "Limits before and after" in page and "redesigned.toml" in page
+    assert len(data_of(page)["scenes"]) == 2
+
+
+def test_what_stands_still_has_a_scene_and_no_curves(tmp_path):
+    problem = flap(bodies={"flap": ho.Body()})
+    file = ho.write_report(ho.simulate(problem), tmp_path / "still.html")
+    assert "Over the motion" not in file.read_text(encoding="utf-8")
+    with opened(file) as view:
+        assert view.pixels()["colours"] > 100
+        assert "frame 0 of 0" in view.page.inner_text("#moment")
+        assert view.said == []
+
+
 # --- size and time -------------------------------------------------------------------------------------
 
 
 def test_a_report_of_a_hundred_frames_is_small_and_soon_written(motion, tmp_path):
     long = many(motion, 100)
     begin = time.perf_counter()
-    name = html_report.write_report(html_report.prepare(long), summary(long), tmp_path)
+    name = html_report.write_page(html_report.prepare(long), summary(long), tmp_path)
     assert time.perf_counter() - begin < MOST_SECONDS
     assert (tmp_path / name).stat().st_size < MOST_SIZE / 10
 
@@ -290,7 +307,7 @@ def test_all_shipped_problems_are_tried():
 def test_every_shipped_problem_in_a_browser(name, frames, tmp_path):
     problem = ho.read_problem(PROBLEMS / f"{name if '/' in name else f'{name}/{name}'}.toml")
     moved = ho.simulate(problem) if frames is None else ho.simulate(problem, frames=frames)
-    file = tmp_path / html_report.write_report(html_report.prepare(moved), summary(moved), tmp_path)
+    file = tmp_path / html_report.write_page(html_report.prepare(moved), summary(moved), tmp_path)
     assert file.stat().st_size < MOST_SIZE
     with opened(file) as view:
         whole = view.pixels()
@@ -319,7 +336,7 @@ def test_every_shipped_problem_in_a_browser(name, frames, tmp_path):
 
 
 def test_a_redesign_shows_before_and_after(design, tmp_path):
-    file = tmp_path / html_report.write_report(html_report.prepare(design), summary(design), tmp_path)
+    file = tmp_path / html_report.write_page(html_report.prepare(design), summary(design), tmp_path)
     with opened(file, color_scheme="dark") as view:
         assert view.page.locator("#labels .title").all_inner_texts() == ["Before", "After"]
         assert "deep in ball" in view.page.locator("#labels .witness").first.inner_text()
@@ -338,7 +355,7 @@ def test_a_redesign_shows_before_and_after(design, tmp_path):
 
 
 def test_turning_zooming_and_the_keyboard(motion, tmp_path):
-    file = tmp_path / html_report.write_report(html_report.prepare(motion), summary(motion), tmp_path)
+    file = tmp_path / html_report.write_page(html_report.prepare(motion), summary(motion), tmp_path)
     with opened(file) as view:
         picture = "document.querySelector('#canvas').toDataURL()"
         box = view.page.locator("#canvas").bounding_box()
@@ -367,8 +384,10 @@ def test_turning_zooming_and_the_keyboard(motion, tmp_path):
 
 def test_nasty_strings_run_nothing(tmp_path):
     problem = flap(title=NASTY)
-    moved = ho.simulate(dataclasses.replace(problem, parts={NASTY: problem.parts["ball"]}))
-    file = tmp_path / html_report.write_report(html_report.prepare(moved), summary(moved), tmp_path)
+    moved = ho.simulate(
+        dataclasses.replace(problem, parts={NASTY: ho.Part(ho.Sphere(0.02), position=(0.08, 0.01, 0.092))})
+    )
+    file = tmp_path / html_report.write_page(html_report.prepare(moved), summary(moved), tmp_path)
     with opened(file) as view:
         assert NASTY in view.page.inner_text("h1")
         assert NASTY in view.page.locator("#labels .witness").first.inner_text()
@@ -376,7 +395,7 @@ def test_nasty_strings_run_nothing(tmp_path):
 
 
 def test_without_webgl_the_rest_of_the_page_stands(motion, tmp_path):
-    file = tmp_path / html_report.write_report(html_report.prepare(motion), summary(motion), tmp_path)
+    file = tmp_path / html_report.write_page(html_report.prepare(motion), summary(motion), tmp_path)
     text = file.read_text(encoding="utf-8").replace('getContext("webgl2"', 'getContext("webgl9"')
     digest = base64.b64encode(
         hashlib.sha256(re.findall(r"<script>(.*?)</script>", text, re.DOTALL)[0].encode()).digest()
