@@ -117,7 +117,7 @@ class Act:
                 actor.visibility = frames
         for name, actor in actors.items():
             if name.startswith(("ghost", "edges of ghost")):
-                actor.visibility = ghosts
+                actor.visibility = ghosts and not name.endswith(f":{frame}")
         self._point(moment)
 
     def show_key(self, key: Key | None) -> None:
@@ -134,8 +134,8 @@ class Act:
         mapper.lookup_table = table
         add_bar: Any = self.plotter.add_scalar_bar  # typed as the method of another class
         bar = add_bar(
-            title=f"{key.title}\n", mapper=mapper, n_labels=0, vertical=True, position_x=0.03, position_y=0.25,
-            width=0.05, height=0.5, color=INK, title_font_size=16, label_font_size=13, render=False,
+            title=f"{key.title}\n", mapper=mapper, n_labels=0, vertical=True, position_x=0.13, position_y=0.42,
+            width=0.05, height=0.38, color=INK, title_font_size=16, label_font_size=13, render=False,
         )  # fmt: skip
         bar.SetAnnotationLeaderPadding(KEY_GAP)
 

@@ -347,7 +347,7 @@ def test_window_hides_and_shows(pyvista, folder):
     for name, kind in (("ghosts", "ghost"), ("frames", "clamp:")):
         for wanted in (True, False):
             setattr(window, name, wanted)
-            window.go(worst)
+            window.go(0.5)
             actors = window.acts[0].renderer.actors
             found = [bool(actor.visibility) for key, actor in actors.items() if key.startswith(kind)]
             assert found and set(found) == {wanted}
