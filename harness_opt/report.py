@@ -100,6 +100,7 @@ def summary(
     rows = (*measured.limits, *cable_limits(motion.problem, motion))
     command = command or ("simulate" if isinstance(result, Motion) else "redesign")
     seconds = {phase: float(result.timing.get(phase, 0.0)) for phase in PHASES}
+    seconds |= {"report": float(result.timing["report"])} if "report" in result.timing else {}
     seconds["total"] = float(result.timing.get("total", sum(seconds.values())))
     pictures = () if "pictures" in result.timing else ("pictures",)
     content = {

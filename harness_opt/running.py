@@ -173,10 +173,12 @@ def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _
     cost them.
     """
     from .html_report import prepare, write_page
-    from .report import write_results
+    from .report import timed, write_results
 
     result, measured, command = found
+    begin = time.perf_counter()
     page = functools.partial(write_page, prepare(result, measured, scene))
+    result = timed(result, report=time.perf_counter() - begin)
     content = write_results(result, folder, measured=measured, command=command, page=page)
     try:
         from .animation import write_pictures_and_film
