@@ -58,6 +58,7 @@ SLEEVE = "#4a525b"
 RING = 2.6  # radii of the cable, of the ring around the worst
 LEAST_RING = 16  # pixels
 LETTER = 1.0  # mean width of a letter in pixels, for each point of its size
+KEY_ROOM = 0.09  # share of the picture's height kept free for the keys below
 PADDING = 9  # pixels around the words at the worst
 CHANGES_NAMED = 2  # design variables in a title
 UNITS = {  # by limit: factor, digits and name
@@ -262,7 +263,7 @@ def _free_place(at: Array, words: str, occupied: Array) -> tuple[Array, Array]:
         for angle in np.arange(16) * math.tau / 16:
             way = np.array([math.cos(angle) * height / width, math.sin(angle)])
             low = at + reach * way + np.where(way < -0.1, -box, np.where(way > 0.1, 0.0, -0.5 * box))
-            if np.any(low < 0.02) or low[0] + box[0] > 0.98 or low[1] + box[1] > 1 - TITLE_ROOM:
+            if np.any(low < (0.02, KEY_ROOM)) or low[0] + box[0] > 0.98 or low[1] + box[1] > 1 - TITLE_ROOM:
                 continue
             columns = slice(int(low[0] * width), int((low[0] + box[0]) * width))
             rows = slice(int((1 - low[1] - box[1]) * height), int((1 - low[1]) * height))
@@ -283,7 +284,7 @@ def _write_words(plotter: pv.Plotter, view: View) -> None:
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True
     _write(plotter, ", ".join(words), (0.03, 0.892), 12, TOUCHES if view.violated else INK)
     used = {tuple(colour) for name in moment.colours for colour in cable_colours(moment, name)[1]}
-    states = {"touches": TOUCHES, "below a limit": SHORT}
+    states = {"touches": TOUCHES, "breaks a limit": SHORT}
     keys = moment.colours | {word: key for word, key in states.items() if tuple(rgb(key)) in used}
     x = 0.03
     for word, key in (keys | ({"faint: at other moments": EDGE} if moves else {})).items():

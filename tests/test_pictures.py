@@ -249,6 +249,8 @@ def test_words_go_where_the_picture_is_empty():
     occupied[:, 1000:] = False
     corner, box = pictures._free_place(np.array([0.55, 0.5]), "4.0 mm to part", occupied)
     assert corner[0] * 1600 >= 1000 and np.all(corner + box < 1)
+    low, _ = pictures._free_place(np.array([0.55, 0.05]), "4.0 mm to part", np.zeros((900, 1600), dtype=bool))
+    assert low[1] >= pictures.KEY_ROOM, "the keys stand below"
 
 
 # --- window ---------------------------------------------------------------------------------------------
