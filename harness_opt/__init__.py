@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .body_motion import Hinge, Poses, Slide
     from .errors import HarnessError, ProblemError, SolveError, Status
+    from .html_report import write_report
     from .motion import simulate
     from .multistart import equilibria
     from .outer_loop import Redesign, redesign
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 _ROOMS = {
     "body_motion": ("Hinge", "Poses", "Slide"),
     "errors": ("HarnessError", "ProblemError", "SolveError", "Status"),
+    "html_report": ("write_report",),
     "motion": ("simulate",),
     "multistart": ("equilibria",),
     "problem": (

@@ -5,40 +5,31 @@ The rooms that solve are imported inside the commands, so that help, ``schema`` 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import functools
 import math
 import os
+import re
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .errors import HarnessError, ProblemError, SolveError, Status
-from .progress import Abandoned, Interrupts, progress_for
+from .errors import HarnessError, ProblemError
+from .progress import Abandoned
+from .running import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
 
 if TYPE_CHECKING:
-    from .clearance import ClearanceResult
     from .motion import Progress
     from .outer_loop import Redesign
     from .problem import Problem
     from .results import Motion
-    from .scene import Scene
 
-    Solve = Callable[[Problem, Progress], Motion | Redesign]
-    _Found = tuple[Motion | Redesign, ClearanceResult | None, str]  # with the command that found it
-    _Summary = dict[str, Any]
-
-BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
-EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
 TRANSCRIPTIONS = ("collocation", "dqm")
-REMEDY = 'pip install "harness-opt[pictures]"'
+EXPORTS = ("paraview", "csv", "gltf", "stl")
+EXPORT_FOLDER = "export"  # in a result folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -70,10 +61,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _say(text: str) -> None:
     """Print on stdout; a reader that has gone away (``harness-opt schema | head``) is no mistake."""
     try:
-        click.echo(text)
+        click.echo(_coloured(text), color=_colour())
     except BrokenPipeError:
         # what is still buffered would fail again when Python ends; docs.python.org/3/library/signal.html
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _colour() -> bool | None:
+    """Return False where no colours are wanted (no-color.org), None to leave it to whether this is a terminal."""
+    return False if os.environ.get("NO_COLOR") else None
+
+
+def _coloured(text: str) -> str:
+    """Return the words of a table's last column in colours, which whatever is no terminal loses again."""
+    text = re.sub(r" OK$", lambda found: click.style(found[0], fg="green"), text, flags=re.MULTILINE)
+    return re.sub(r" VIOLATED$", lambda found: click.style(found[0], fg="red", bold=True), text, flags=re.MULTILINE)
 
 
 def _warn(text: str) -> None:
@@ -84,7 +86,10 @@ def _warn(text: str) -> None:
 def _tell(*lines: str) -> None:
     """Print on stderr."""
     for line in lines:
-        click.echo(line, err=True)
+        click.echo(_coloured(line), err=True, color=_colour())
+
+
+VOICE = Voice(_say, _tell, _warn)
 
 
 # --- options -------------------------------------------------------------------------------------------
@@ -105,20 +110,6 @@ class _Positive(click.ParamType):
         return number
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """What the user wants to be shown and kept; ``folder`` is None for the usual place.
-
-    ``tolerance`` is that of the clearances, m, or None.
-    """
-
-    folder: Path | None
-    as_json: bool
-    quiet: bool
-    pictures: bool
-    tolerance: float | None = None
-
-
 _file = click.argument("file", type=click.Path(path_type=Path))
 _as_json = click.option("--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there.")
 
@@ -126,7 +117,9 @@ _as_json = click.option("--json", "as_json", is_flag=True, help="The summary on 
 def _running(command: Callable[..., int]) -> Callable[..., int]:
     """Add the argument and the options of the commands that write results."""
     for decorate in (
-        click.option("--no-pictures", "pictures", flag_value=False, default=True, help="Draw no pictures."),
+        click.option(
+            "--no-pictures", "pictures", flag_value=False, default=True, help="Write no report and draw no pictures."
+        ),
         click.option("--quiet", "-q", is_flag=True, help="No progress and no table."),
         _as_json,
         click.option(
@@ -164,6 +157,7 @@ def commands() -> None:
     harness-opt simulate problems/lift_arm/lift_arm.toml
     harness-opt redesign problems/lift_arm/lift_arm.toml -o results/better
     harness-opt show results/better
+    harness-opt new my_cable
     """
 
 
@@ -184,7 +178,7 @@ def check(file: Path, as_json: bool) -> int:
     from .scene import load_scene
 
     problem = read_problem(file)
-    with _naming(file):
+    with naming(file):
         content = facts(problem, load_scene(problem))
     if not as_json:
         _say(description(problem, content))
@@ -235,7 +229,7 @@ def simulate(
             problem = dataclasses.replace(problem, out_and_back=True)
         return simulate(problem, progress=progress, throw=False, **chosen)
 
-    return _run("simulate", file, _Wanted(folder, as_json, quiet, pictures, clearance_tolerance), solve)
+    return run("simulate", file, Wanted(folder, as_json, quiet, pictures, clearance_tolerance), solve, VOICE)
 
 
 @commands.command()
@@ -255,7 +249,7 @@ def redesign(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictur
 
         return redesign(problem, progress=progress, throw=False)
 
-    return _run("redesign", file, _Wanted(folder, as_json, quiet, pictures), solve)
+    return run("redesign", file, Wanted(folder, as_json, quiet, pictures), solve, VOICE)
 
 
 @commands.command()
@@ -274,8 +268,79 @@ def show(folder: Path) -> int:
 
         pictures.show(folder)
     except Exception as error:  # no pyvista, no display, no OpenGL: as many errors as there are computers
-        _tell(f"No window can be shown: {_remedied(error)}")
+        _tell(f"No window can be shown: {remedied(error)}")
         return BAD_INPUT
+    return 0
+
+
+@commands.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--to", "kinds", multiple=True, required=True, type=click.Choice(EXPORTS), help="May be given several times."
+)
+@click.option(
+    "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
+)
+def export(folder: Path, kinds: tuple[str, ...], target: Path | None) -> int:
+    """Write the result in DIR for other programs.
+
+    paraview: motion.pvd, with curvature, clearance and loads as arrays; csv: a table of each cable's centreline in
+    every frame; gltf: motion.glb, animated; stl: the volume that each cable sweeps, for CAD.
+
+    \b
+    harness-opt export results/lift_arm --to paraview --to csv
+    harness-opt export results/lift_arm --to stl -o for_cad
+    """
+    from .exports import export
+    from .report import read_results
+    from .result_folder import add_file
+
+    read_results(folder)  # says what is wrong with the folder, if anything
+    try:
+        for kind in kinds:
+            for line in export(folder, kind, target or folder / EXPORT_FOLDER):
+                _say(line)
+    except HarnessError as error:
+        if isinstance(error, ProblemError):
+            raise
+        _tell(f"Nothing exported to {kind}: {remedied(error)}")
+        return BAD_INPUT
+    if target is None:
+        add_file(folder, EXPORT_FOLDER)
+    return 0
+
+
+@commands.command()
+@click.argument("name", type=click.Path(path_type=Path))
+def new(name: Path) -> int:
+    """Write NAME.toml, a problem file with comments that runs as it stands, to change into your own.
+
+    \b
+    harness-opt new my_cable
+    harness-opt simulate my_cable.toml
+    """
+    from .problem_template import write_template
+
+    file = write_template(name)
+    _say(f"{file}\nNext: harness-opt check {file}, then harness-opt simulate {file}")
+    return 0
+
+
+@commands.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> int:
+    """Print what makes SHELL complete commands, options and files.
+
+    \b
+    harness-opt completion bash >> ~/.bashrc
+    harness-opt completion fish > ~/.config/fish/completions/harness-opt.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    complete = get_completion_class(shell)
+    if complete is None:
+        raise click.UsageError(f"found no completion for {shell}")
+    _say(complete(commands, {}, "harness-opt", "_HARNESS_OPT_COMPLETE").source())
     return 0
 
 
@@ -292,135 +357,3 @@ def schema() -> int:
 
     _say(json.dumps(schema(), indent=2))
     return 0
-
-
-# --- a run ---------------------------------------------------------------------------------------------
-
-
-@contextlib.contextmanager
-def _naming(file: Path) -> Iterator[None]:
-    """Put the name of ``file`` before mistakes that come without."""
-    try:
-        yield
-    except ProblemError as error:
-        raise ProblemError(
-            line if line.startswith(str(file)) else f"{file}: {line}" for line in error.mistakes
-        ) from None
-
-
-def _run(command: str, file: Path, wanted: _Wanted, solve: Solve) -> int:
-    """Read, solve, measure, write, draw and tell; return the exit code."""
-    begin = time.perf_counter()
-    from .problem_file import read_problem
-    from .report import input_files, timed
-    from .result_folder import check_target
-    from .scene import load_scene
-
-    problem = read_problem(file)
-    folder = wanted.folder or Path("results") / file.stem
-    check_target(folder, input_files(problem))  # now, and not after an hour of solving
-    with _naming(file):
-        scene = load_scene(problem)
-    if not wanted.quiet:
-        _tell(*(f"{file}: {warning}" for warning in scene.warnings))
-    loaded = time.perf_counter() - begin
-    with Interrupts(_warn) as interrupts:
-        with _naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
-            result = _solved(problem, solve, progress)
-        result, measured = _measured(result, scene, wanted.tolerance)
-        result = timed(result, load=loaded, total=time.perf_counter() - begin)
-        summary, place = _kept(wanted, folder, interrupts.asked, (result, measured, command))
-        interrupts.patient = False
-        try:
-            interrupts.stop_here()
-            if wanted.pictures and summary["frames"]:
-                summary = _with_pictures(folder, (result, measured, command)) or summary
-        except KeyboardInterrupt:
-            interrupts.asked = True
-    _show(wanted, summary, place)
-    return INTERRUPTED if interrupts.asked else EXIT[summary["status"]]
-
-
-def _kept(wanted: _Wanted, folder: Path, interrupted: bool, found: _Found) -> tuple[_Summary, Path | None]:
-    """Write what was found; return its summary and the folder, or None where nothing was written."""
-    from .report import summary, write_results
-
-    result, measured, command = found
-    content = summary(result, measured, command=command)
-    if interrupted and not content["frames"]:
-        return content, None  # an earlier result is worth more
-    try:
-        return write_results(result, folder, measured=measured, command=command), folder
-    except ProblemError:
-        _show(wanted, content, None)  # what was found is not lost with the disk
-        raise
-
-
-def _show(wanted: _Wanted, summary: _Summary, place: Path | None) -> None:
-    """Print the summary, and where it was written, if it was."""
-    from .report import as_json
-    from .tables import report
-
-    if wanted.as_json:
-        _say(as_json(summary))
-    where = "Nothing was written." if place is None else f"Results: {place}{os.sep}"
-    if not wanted.quiet:
-        (_tell if wanted.as_json else _say)(f"{report(summary)}\n{where}")
-    elif summary["status"] == "unsolved":
-        _tell(summary["message"])
-
-
-def _solved(problem: Problem, solve: Solve, progress: Progress) -> Motion | Redesign:
-    """Return what ``solve`` finds, or what it had found when it gave up."""
-    try:
-        return solve(problem, progress)
-    except SolveError as error:
-        partial, status, message = error.partial, error.status, str(error)
-    except KeyboardInterrupt:
-        partial, status, message = None, Status.INTERRUPTED, Status.INTERRUPTED.value
-    if partial is None:
-        import numpy as np
-
-        from .results import Motion
-
-        partial = Motion(problem, np.zeros(0), {})
-    return dataclasses.replace(partial, status=status, message=message)
-
-
-def _measured(
-    result: Motion | Redesign, scene: Scene, tolerance: float | None
-) -> tuple[Motion | Redesign, ClearanceResult | None]:
-    """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
-    from .report import clearances, timed
-    from .results import Motion
-
-    if not isinstance(result, Motion):
-        return result, None
-    begin = time.perf_counter()
-    measured = clearances(result, scene, tolerance=tolerance)
-    return timed(result, clearance=time.perf_counter() - begin), measured
-
-
-def _with_pictures(folder: Path, found: _Found) -> _Summary | None:
-    """Write the results again, with pictures; where none can be drawn say why, and return None.
-
-    The results stand already, so that nothing that a graphics driver does can cost them.
-    """
-    from .report import write_results
-
-    try:
-        from .pictures import write_pictures
-
-        result, measured, command = found
-        draw = functools.partial(write_pictures, clearances=measured)
-        return write_results(result, folder, measured=measured, command=command, pictures=draw)
-    except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers
-        _tell(f"Pictures left out: {_remedied(error)}")
-        return None
-
-
-def _remedied(error: Exception) -> str:
-    """Return the first line of an error about pictures, and what to do about it."""
-    words = next(iter(str(error).splitlines()), "") or type(error).__name__
-    missing = isinstance(error, ImportError) or isinstance(error.__cause__, ImportError)
-    return words if isinstance(error, HarnessError) and not missing else f"{words}; try {REMEDY}"

@@ -5,16 +5,14 @@ No theme is changed: every colour and every size is given where it is used.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import rotations
+from . import colouring, rotations
 from .centreline import Curve
-from .clearance import ClearanceResult, PairClearance, measure
-from .limits import bending
+from .clearance import ClearanceResult, measure
 from .opengl import load_pyvista
 from .problem import Box, Capsule, Cylinder
 from .results import CableMotion, Motion
@@ -31,6 +29,7 @@ FEATURE_ANGLE = 30.0  # degrees between faces from which an edge is drawn
 
 TOUCHES, SHORT = "#e0141e", "#f28e1c"
 CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # far from the two of trouble
+AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
 STILL_PART, MOVING_PART, HIT_PART = "#c9cdd2", "#a9b4c2", "#f0a8a4"
 EDGE, INK = "#3c434b", "#1e2328"
 TUBE: dict[str, Any] = {"ambient": 0.12, "specular": 0.25, "render": False}
@@ -112,42 +111,23 @@ def add_cable(plotter: pv.Plotter, moment: Moment, name: str) -> pv.Actor:
 def cable_colours(moment: Moment, name: str) -> tuple[Array, Array]:
     """Return points (n, 3) along a cable, m, world, and their colours (n, 3), 0 to 255.
 
-    Red where it touches something, orange where a clearance or the bend radius is below its limit.
+    Red where it touches something, orange where a clearance, the bend radius or the twist breaks its limit.
     """
-    problem, shapes, frame = moment.motion.problem, moment.motion.cables[name], moment.frame
+    shapes, frame = moment.motion.cables[name], moment.frame
     s = np.linspace(0.0, shapes.s[-1], POINTS)
     points = curve_of(shapes).at(np.full(len(s), frame), s)
-    curvature = np.interp(s, shapes.s, bending(shapes)[frame])
-    touches, short = np.zeros(len(s), dtype=bool), curvature * (problem.limits.bend_radius or 0.0) > 1.0
-    for pair in moment.still.pairs:
-        if name != pair.cable and pair.obstacle != f"cable:{name}":
-            continue
-        clearance = _clearance_along(moment, pair, name, s, points)
-        counts = (s >= pair.excluded[0]) & (s <= s[-1] - pair.excluded[1])
-        touches |= counts & (clearance < 0)
-        short |= counts & (clearance < (pair.limit or 0.0))
+    _, state = colouring.states(
+        moment.motion, moment.scene, moment.still.pairs, colouring.Points(name, frame, s, points), _reach(moment)
+    )
     colours = np.tile(rgb(moment.colours[name]), (len(s), 1))
-    colours[short] = rgb(SHORT)
-    colours[touches] = rgb(TOUCHES)
+    colours[state == colouring.SHORT] = rgb(SHORT)
+    colours[state == colouring.TOUCHES] = rgb(TOUCHES)
     return points, colours
 
 
-def _clearance_along(moment: Moment, pair: PairClearance, name: str, s: Array, points: Array) -> Array:
-    """Return the clearances (n,) in ``pair`` of the points (n, 3) of its cable ``name`` at ``s`` (n,), m."""
-    problem, frame = moment.motion.problem, moment.frame
-    own = problem.cables[name].cable
-    if pair.obstacle in moment.scene.parts:
-        part = moment.scene.parts[pair.obstacle]
-        position, q = moment.pose(part.body)
-        local = rotations.rotate(rotations.conjugate(q), points - position)
-        return part.signed_distance(local)[0] - own.radius
-    other = pair.obstacle.removeprefix("cable:") if pair.cable == name else pair.cable
-    shapes = moment.motion.cables[other]
-    apart = np.linalg.norm(points[:, None] - shapes.position[frame], axis=-1)
-    if other == name:  # what is near along the cable is near, as `clearance.measure` says
-        gap = 0.5 * math.pi * (own.diameter + (problem.limits.clearance or 0.0))
-        apart = np.where(np.abs(s[:, None] - shapes.s) < gap, np.inf, apart)
-    return apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
+def _reach(moment: Moment) -> float:
+    """Return how far to look for what a limit says anything about, m."""
+    return max((pair.limit or 0.0 for pair in moment.still.pairs), default=0.0)
 
 
 def solid(part: Geometry) -> pv.PolyData:

@@ -87,3 +87,22 @@ def limit_label(name: str, cable: str, part: str | None) -> str:
 def held(rows: Sequence[LimitResult]) -> bool:
     """Return whether every limit holds."""
     return all(row.margin >= 0 for row in rows)
+
+
+def most_urgent(problem: Problem, rows: Sequence[LimitResult]) -> LimitResult:
+    """Return the row that people look at first.
+
+    A violated limit comes before one that holds, clearance before bend radius before the rest, and then the smallest
+    margin.
+
+    Args:
+        problem: whose limits they are.
+        rows: at least one.
+    """
+    order = {"clearance": 0, "bend_radius": 1}
+
+    def urgency(row: LimitResult) -> tuple[bool, int, float]:
+        scale = row.limit + problem.cables[row.cable].cable.radius
+        return row.margin >= 0, order.get(row.name, 2), row.margin / scale
+
+    return min(rows, key=urgency)

@@ -15,6 +15,7 @@ from . import rotations
 from .camera import TANGENT, TITLE_ROOM, Camera
 from .clearance import ClearanceResult, measure
 from .drawing import (
+    AFTER,
     CABLES,
     EDGE,
     ENDS,
@@ -37,7 +38,7 @@ from .drawing import (
     solid,
     tube,
 )
-from .limits import all_limits
+from .limits import all_limits, most_urgent
 from .opengl import drawable, load_pyvista
 from .results import LimitResult, Motion
 from .rotations import Array
@@ -53,11 +54,11 @@ __all__ = ["View", "show", "still", "worst_view", "write_pictures"]
 
 GHOSTS = (0.0, 1 / 3, 2 / 3, 1.0)  # moments of the motion that are drawn faintly
 GHOST_GAP = 0.1  # of the motion, within which a ghost would hide in the moment shown
-AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
 SLEEVE = "#4a525b"
 RING = 2.6  # radii of the cable, of the ring around the worst
 LEAST_RING = 16  # pixels
 LETTER = 1.0  # mean width of a letter in pixels, for each point of its size
+KEY_ROOM = 0.09  # share of the picture's height kept free for the keys below
 PADDING = 9  # pixels around the words at the worst
 CHANGES_NAMED = 2  # design variables in a title
 UNITS = {  # by limit: factor, digits and name
@@ -100,16 +101,9 @@ def worst_view(
 ) -> View:
     """Return the view of the row of ``rows`` that people look at first.
 
-    A violated limit comes before one that holds, clearance before bend radius before the rest, and then the
-    smallest margin. Without rows, the smallest clearance to a part, or else the smallest bend radius.
+    Without rows, the smallest clearance to a part, or else the smallest bend radius.
     """
-    order = {"clearance": 0, "bend_radius": 1}
-
-    def urgency(row: LimitResult) -> tuple[bool, int, float]:
-        scale = row.limit + motion.problem.cables[row.cable].cable.radius
-        return row.margin >= 0, order.get(row.name, 2), row.margin / scale
-
-    row = min(rows or _rows_of_zero(motion, scene), key=urgency)
+    row = most_urgent(motion.problem, rows or _rows_of_zero(motion, scene))
     return View(Moment.of(motion, scene, row.frame, palette), row, title)
 
 
@@ -269,7 +263,7 @@ def _free_place(at: Array, words: str, occupied: Array) -> tuple[Array, Array]:
         for angle in np.arange(16) * math.tau / 16:
             way = np.array([math.cos(angle) * height / width, math.sin(angle)])
             low = at + reach * way + np.where(way < -0.1, -box, np.where(way > 0.1, 0.0, -0.5 * box))
-            if np.any(low < 0.02) or low[0] + box[0] > 0.98 or low[1] + box[1] > 1 - TITLE_ROOM:
+            if np.any(low < (0.02, KEY_ROOM)) or low[0] + box[0] > 0.98 or low[1] + box[1] > 1 - TITLE_ROOM:
                 continue
             columns = slice(int(low[0] * width), int((low[0] + box[0]) * width))
             rows = slice(int((1 - low[1] - box[1]) * height), int((1 - low[1]) * height))
@@ -290,7 +284,7 @@ def _write_words(plotter: pv.Plotter, view: View) -> None:
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True
     _write(plotter, ", ".join(words), (0.03, 0.892), 12, TOUCHES if view.violated else INK)
     used = {tuple(colour) for name in moment.colours for colour in cable_colours(moment, name)[1]}
-    states = {"touches": TOUCHES, "below a limit": SHORT}
+    states = {"touches": TOUCHES, "breaks a limit": SHORT}
     keys = moment.colours | {word: key for word, key in states.items() if tuple(rgb(key)) in used}
     x = 0.03
     for word, key in (keys | ({"faint: at other moments": EDGE} if moves else {})).items():

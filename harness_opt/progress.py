@@ -89,10 +89,13 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
     # a tenth of a second that only terminals need
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TextColumn("left:"), TimeRemainingColumn(),
+    )  # fmt: skip
     with Bars(*columns, console=Console(file=stream), transient=True) as bars:
         tasks: dict[str, Any] = {}
 
@@ -107,12 +110,17 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
 def _lines(stream: TextIO) -> Progress:
     """Return a progress for logs: a line for each name now and then."""
     last: dict[str, float] = {}
+    first: dict[str, tuple[float, int]] = {}
 
     def show(name: str, done: int, total: int) -> None:
         now = time.monotonic()
+        begin, from_ = first.setdefault(name, (now, done))
         if name not in last or now - last[name] > SECONDS_A_LINE:
             last[name] = now
-            stream.write(f"{name}: {done} of {total} frames\n" if total else f"{name}: {done}\n")
+            words = f"{name}: {done} of {total} frames" if total else f"{name}: {done}"
+            if total and done > from_:
+                words += f", about {(now - begin) / (done - from_) * (total - done):.0f} s left"
+            stream.write(f"{words}\n")
             stream.flush()
 
     return show

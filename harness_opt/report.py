@@ -19,6 +19,7 @@ import numpy as np
 from . import checks, design_variables
 from .body_motion import Poses
 from .clearance import Between, ClearanceResult, Options, PairClearance, measure
+from .data_sheet import DataSheet, data_sheets
 from .errors import ProblemError
 from .limits import cable_limits, held
 from .problem import MeshFile, Problem
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
+Page = Callable[[Json, Path], str]  # writes a report of a summary into a folder
 
 SCHEMA = 1  # of the summary
 # the summary says limits in the words and units of the problem file: name there, and units there a unit here
@@ -107,6 +109,7 @@ def summary(
     rows = (*measured.limits, *cable_limits(motion.problem, motion))
     command = command or ("simulate" if isinstance(result, Motion) else "redesign")
     seconds = {phase: float(result.timing.get(phase, 0.0)) for phase in PHASES}
+    seconds |= {"report": float(result.timing["report"])} if "report" in result.timing else {}
     seconds["total"] = float(result.timing.get("total", sum(seconds.values())))
     pictures = () if "pictures" in result.timing else ("pictures",)
     content = {
@@ -122,6 +125,7 @@ def summary(
         "clearances": [_pair(pair) for pair in measured.pairs],
         "open_meshes": sorted({pair.obstacle for pair in measured.pairs if not pair.closed}),
         "frames_solved_between": dict(measured.inserted),
+        "data_sheet": {name: _sheet(sheet) for name, sheet in data_sheets(motion).items()},
         "snaps": [dataclasses.asdict(snap) for snap in motion.snaps],
         "stable": bool(motion.cables) and all(np.all(cable.stable) for cable in motion.cables.values()),
         "equilibrium": {
@@ -198,6 +202,18 @@ def _pair(pair: PairClearance) -> Json:
     }
 
 
+def _sheet(sheet: DataSheet) -> Json:
+    """Return a data sheet with twists in degrees, as the problem file has them."""
+    entry = dataclasses.asdict(sheet)
+    turn = math.degrees(1.0)
+    entry["twist_deg_per_m"] = turn * entry.pop("twist")
+    entry["bend_range"] = entry.pop("bend")
+    twisting = entry.pop("twisting")
+    cycles = [{key: value * (1.0 if key == "count" else turn) for key, value in c.items()} for c in twisting["cycles"]]
+    entry["twist_range_deg_per_m"] = twisting | {"range": turn * twisting["range"], "cycles": cycles}
+    return entry
+
+
 def _redesign(result: Motion | Redesign) -> Json:
     if isinstance(result, Motion):  # the design given could not be simulated, so no other was looked for
         problem = result.problem
@@ -252,6 +268,7 @@ def write_results(
     measured: ClearanceResult | None = None,
     command: str | None = None,
     pictures: Pictures | None = None,
+    page: Page | None = None,
 ) -> Json:
     """Write the result folder, complete or not at all, and return its summary.
 
@@ -263,6 +280,7 @@ def write_results(
         folder: to write; its parents are made.
         measured, command: as in :func:`summary`.
         pictures: draws a result into a folder and returns the names of the files; None draws none.
+        page: writes a report of the summary into a folder and returns the name of its file; None writes none.
 
     Raises:
         ProblemError: ``folder`` holds something else, or cannot be written; a mesh that cannot be used.
@@ -282,6 +300,8 @@ def write_results(
             result = timed(result, pictures=time.perf_counter() - begin)
         files = [entry.name for entry in aside.iterdir()]
         content = summary(result, measured, command=command, files=files)
+        if page is not None:
+            content["files"] = sorted([*content["files"], page(content, aside)])
         (aside / SUMMARY).write_text(as_json(content) + "\n", encoding="utf-8")
     return content
 

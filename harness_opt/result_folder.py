@@ -112,6 +112,17 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         shutil.rmtree(aside, ignore_errors=True)
 
 
+def add_file(folder: Path, name: str) -> None:
+    """Name a file that was added to a result folder among its own, so that it goes when the result is replaced."""
+    content = read_summary(folder)
+    if content is None or name in content.get("files", ()):
+        return
+    content["files"] = sorted([*content.get("files", ()), name])
+    aside = folder / f".{SUMMARY}.{os.getpid()}.part"
+    aside.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(aside, folder / SUMMARY)
+
+
 def _put(aside: Path, target: Path) -> None:
     """Rename ``aside`` to ``target``; an earlier result gives way, and comes back where that fails."""
     before = target.with_name(f".{target.name}.{os.getpid()}.before")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 WIDTH = 80
@@ -18,6 +19,7 @@ UNITS = {
 }
 HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "arc mm", "")
 LEFT = {0, 1, 2, 6, 9}  # columns set to the left, the others to the right
+SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
 NAMES = (2, 1)  # columns that may be cut, in this order
 LARGE = 1e5  # from which numbers are rounded to two digits: a straight cable's bend radius
 
@@ -37,25 +39,29 @@ def table(limits: Sequence[Mapping[str, Any]]) -> str:
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     unit, scale = UNITS[row["name"]]
     return (
-        _label(row["name"]),
+        label(row["name"]),
         row["cable"],
-        _part(row) or "-",
+        against(row) or "-",
         _number(row["limit"], scale),
         _number(row["worst"], scale),
         _number(row["margin"], scale, "+"),
         unit,
-        _percent(row["motion"]),
+        percent(row["motion"]),
         f"{1e3 * row['arc_length']:.0f}",
-        "OK" if _holds(row) else "VIOLATED",
+        "OK" if holds(row) else "VIOLATED",
     )
 
 
 def _line(row: Sequence[str], widths: Sequence[int]) -> str:
     cells = []
     for i, (cell, width) in enumerate(zip(row, widths, strict=True)):
-        short = cell if len(cell) <= width else cell[: width - 1] + "~"
+        short = _cut(cell, width)
         cells.append(short.ljust(width) if i in LEFT else short.rjust(width))
     return " ".join(cells).rstrip()
+
+
+def _cut(words: str, width: int) -> str:
+    return words if len(words) <= width else words[: width - 1] + "~"
 
 
 def _number(value: float | None, scale: float, sign: str = "") -> str:
@@ -65,15 +71,24 @@ def _number(value: float | None, scale: float, sign: str = "") -> str:
     return format(scaled, f"{sign}.2g") if abs(scaled) >= LARGE else format(scaled, f"{sign}.2f")
 
 
-def _percent(motion: float) -> str:
+def percent(motion: float) -> str:
+    """Return a moment of the motion, given 0 to 1, as ``28.1%``."""
     return f"{100 * motion:.1f}%"
 
 
-def _label(name: str) -> str:
+def quantity(name: str, value: float | None, sign: str = "") -> str:
+    """Return a value of the limit called ``name``, in the unit of the problem file, as ``3.01 mm``."""
+    unit, scale = UNITS[name]
+    return f"{_number(value, scale, sign)} {unit}"
+
+
+def label(name: str) -> str:
+    """Return the words for the limit called ``name``."""
     return name.removesuffix("_deg_per_m").replace("_", " ")
 
 
-def _part(row: Mapping[str, Any]) -> str:
+def against(row: Mapping[str, Any]) -> str:
+    """Return what a row's clearance is measured to; nothing for other limits."""
     part = row["part"] or ""
     other = part.removeprefix("cable:")
     if other == part:
@@ -81,22 +96,83 @@ def _part(row: Mapping[str, Any]) -> str:
     return "itself" if other == row["cable"] else f"cable {other}"
 
 
-def _holds(row: Mapping[str, Any]) -> bool:
+def holds(row: Mapping[str, Any]) -> bool:
+    """Return whether a row's limit holds."""
     return row["margin"] is not None and row["margin"] >= 0
 
 
 def limit_words(row: Mapping[str, Any]) -> str:
     """Return what a row is about: ``clearance of lead to bracket``."""
-    part = _part(row)
-    return f"{_label(row['name'])} of {row['cable']}" + (f" to {part}" if part else "")
+    part = against(row)
+    return f"{label(row['name'])} of {row['cable']}" + (f" to {part}" if part else "")
 
 
 def report(summary: Mapping[str, Any]) -> str:
     """Return a whole summary in words: title, limits, what changed, what to know, the verdict last."""
-    blocks = [_headline(summary), table(summary["limits"]), _changes(summary)]
-    notes = [*_notes(summary), conclusion(summary)]
-    blocks.append("\n".join(_wrapped(note) for note in notes))
+    blocks = [_headline(summary), table(summary["limits"]), data_sheet(summary), _changes(summary)]
+    told = [*notes(summary), conclusion(summary)]
+    blocks.append("\n".join(_wrapped(note) for note in told))
     return "\n\n".join(block for block in blocks if block)
+
+
+def data_sheet(summary: Mapping[str, Any]) -> str:
+    """Return what cable makers state, a line for each cable; nothing where nothing was solved."""
+    rows = [SHEET]
+    for name, sheet in summary.get("data_sheet", {}).items():
+        straight = sheet["bend_radius"] >= LARGE
+        rows.append(
+            (
+                name,
+                "straight" if straight else f"{1e3 * sheet['bend_radius']:.1f} mm",
+                "-" if straight else f"{sheet['bend_diameters']:.1f}",
+                f"{sheet['twist_deg_per_m']:.0f} deg/m",
+                f"{sheet['bend_range']['range']:.3g} 1/m",
+                f"{sheet['twist_range_deg_per_m']['range']:.0f} deg/m",
+                "-" if sheet["sag"] is None else f"{1e3 * sheet['sag']:.0f} mm",
+            )
+        )
+    if len(rows) == 1:
+        return ""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(SHEET))]
+    widths[0] = min(widths[0], max(NARROWEST, WIDTH - sum(widths[1:]) - len(widths) + 1))
+    lines = [
+        " ".join(
+            _cut(c, w).ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
+    return "\n".join(lines)
+
+
+def advice(summary: Mapping[str, Any], folder: Path | None) -> list[str]:
+    """Return what to do next, a line each.
+
+    Args:
+        summary: of a run.
+        folder: where its results were written, or None.
+    """
+    file, lines = summary["problem"]["file"], []
+    if folder is None:
+        return []
+    if summary["command"] == "simulate" and summary["status"] == "violated" and file:
+        lines.append(f"Next: harness-opt redesign {_shown(file)}")
+    elif summary["command"] == "redesign" and summary["status"] == "ok":
+        lines.append(f"Next: harness-opt simulate {folder / 'redesigned.toml'}")
+    elif summary["status"] == "infeasible":
+        lines.append("Next: widen bounds in [design.variables], let more change, or relax a limit in the way.")
+    if "report.html" in summary["files"]:
+        lines.append(f"Report: {folder / 'report.html'}")
+        if "pictures" not in summary["left_out"]:
+            lines.append(f"Window: harness-opt show {folder}")
+    return lines
+
+
+def _shown(file: str) -> str:
+    """Return a file's path from here where that is shorter."""
+    try:
+        return str(Path(file).relative_to(Path.cwd()))
+    except ValueError:
+        return file
 
 
 def _headline(summary: Mapping[str, Any]) -> str:
@@ -117,9 +193,10 @@ def _changes(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _notes(summary: Mapping[str, Any]) -> Iterable[str]:
+def notes(summary: Mapping[str, Any]) -> Iterable[str]:
+    """Give what to know about a summary, a sentence each."""
     for snap in summary["snaps"]:
-        at = f"motion {_percent(snap['motion'])} (frame {snap['frame']})"
+        at = f"motion {percent(snap['motion'])} (frame {snap['frame']})"
         yield f"Cable {snap['cable']} snaps to another shape at {at}."
     if summary["frames"] and not summary["stable"]:
         yield "Some frames show an unstable shape."
@@ -158,7 +235,7 @@ def _excluded(entry: Mapping[str, Any]) -> str:
 def conclusion(summary: Mapping[str, Any]) -> str:
     """Return the verdict as a sentence or two."""
     limits, status = summary["limits"], summary["status"]
-    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if not _holds(row)]
+    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if not holds(row)]
     if status == "unsolved":
         return f"Not solved: {summary['message'] or summary['reason']}"
     if status == "infeasible":
@@ -178,7 +255,7 @@ def _shortfall(row: Mapping[str, Any]) -> str:
     if row["margin"] is None:
         return "not known"
     unit, scale = UNITS[row["name"]]
-    return f"by {_number(-row['margin'], scale)} {unit} at motion {_percent(row['motion'])}"
+    return f"by {_number(-row['margin'], scale)} {unit} at motion {percent(row['motion'])}"
 
 
 def _wrapped(words: str) -> str:

@@ -22,3 +22,10 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "meshes" / "empty.stl").touch()
     (tmp_path / "meshes" / "housing.step").write_text("ISO-10303-21;")
     return tmp_path
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """A working folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

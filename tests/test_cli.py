@@ -2,97 +2,24 @@
 
 from __future__ import annotations
 
-import io
-import json
 import os
 import signal
 import subprocess
 import sys
-import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
 from harness_opt import cli, continuation, motion, outer_loop, tables
 from harness_opt.cli import main
-from harness_opt.errors import HarnessError, SolveError, Status
+from harness_opt.errors import SolveError, Status
 from harness_opt.problem_file import read_problem
 from harness_opt.progress import Abandoned, Interrupts, progress_for
 from harness_opt.report import read_results
 from harness_opt.results import Motion
-
-FLAP = """\
-schema = 1
-title = "A flap"
-gravity = [0, 0, -9.81]
-
-[cables.lead]
-length = 0.3
-diameter = 0.005
-bending_stiffness = 2e-3
-torsional_stiffness = 1.5e-3
-mass_per_length = 0.05
-start = { position = [0, 0, 0], tangent = [0, 0, 1] }
-end = { body = "flap", position = [0.15, 0.02, 0], tangent = [0, 0, -1], roll_deg = 180 }
-
-[bodies.flap.motion]
-kind = "hinge"
-point = [0.2, 0, 0]
-axis = [0, 1, 0]
-from_deg = 0
-to_deg = 20
-
-[motion]
-spatial_step = 0.01
-
-[parts.ball]
-sphere = { radius = 0.02 }
-position = [0.08, 0, 0]
-
-[limits]
-clearance = 0.004
-bend_radius = 0.01
-
-[design.variables]
-"lead.length" = [0.25, 0.45]
-"""
-HIT = FLAP.replace("position = [0.08, 0, 0]", "position = [0.08, 0.01, 0.092]")
-WALLED = HIT.replace("[0.25, 0.45]", "[0.295, 0.305]")
-PLAIN = ("--no-pictures",)
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    """A working folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def put(text: str, name: str = "flap.toml") -> str:
-    Path(name).write_text(text)
-    return name
-
-
-def strict(text: str) -> dict:
-    def refuse(name: str) -> None:
-        raise AssertionError(name)
-
-    return json.loads(text, parse_constant=refuse)
-
-
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run the program as a user does."""
-    return subprocess.run(
-        [sys.executable, "-m", "harness_opt", *arguments],
-        cwd=cwd, env=environment(), capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
-    )  # fmt: skip
-
-
-def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-
 
 # --- check ---------------------------------------------------------------------------------------------
 
@@ -411,7 +338,7 @@ def test_an_interrupt_while_pictures_are_drawn_keeps_the_result(here, monkeypatc
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("still drawing")
 
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(write_pictures=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(FLAP), "-q"]) == 130
     stored = read_results("results/flap").summary
     assert (stored["status"], stored["left_out"][-1]) == ("ok", "pictures")
@@ -438,112 +365,3 @@ def test_handlers_are_put_back():
             signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
     assert len(said) == 1
-
-
-# --- pictures and show ---------------------------------------------------------------------------------
-
-
-def stand_in(**functions: object) -> types.ModuleType:
-    """Return a room of pictures that draws as told."""
-    module = types.ModuleType("harness_opt.pictures")
-    vars(module).update(functions)
-    return module
-
-
-def test_pictures_are_drawn_into_the_folder(here, monkeypatch):
-    def draw(result: object, folder: Path, clearances: object = None) -> list[str]:
-        assert clearances is not None
-        (folder / "worst.png").write_bytes(b"PNG")
-        return ["worst.png"]
-
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(write_pictures=draw))
-    assert main(["simulate", put(FLAP), "-q"]) == 0
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "worst.png"]
-    assert "pictures" not in read_results("results/flap").summary["left_out"]
-
-
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (ImportError("No module named 'pyvista'"), "No module named 'pyvista'; try pip install"),
-        (RuntimeError("bad GL\nat line 3"), "bad GL; try pip install"),
-        (HarnessError("pictures: found no OpenGL: install it"), "found no OpenGL: install it\n"),
-    ],
-)
-def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error, words):
-    def draw(*_: object, **__: object) -> list[str]:
-        raise error
-
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(write_pictures=draw))
-    assert main(["simulate", put(HIT)]) == 1
-    out, err = capsys.readouterr()
-    assert err.splitlines()[-1].startswith("Pictures left out: ")
-    assert words in err
-    assert "VIOLATED" in out
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json"]
-
-
-def test_no_pictures_room_at_all(here, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", None)
-    assert main(["simulate", put(FLAP)]) == 0
-    assert 'pip install "harness-opt[pictures]"' in capsys.readouterr().err
-
-
-def test_show(here, capsys, monkeypatch):
-    assert main(["simulate", put(FLAP), *PLAIN, "-q"]) == 0
-    shown: list[Path] = []
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(show=shown.append))
-    monkeypatch.setattr("harness_opt.pictures", sys.modules["harness_opt.pictures"], raising=False)
-    assert main(["show", "results/flap"]) == 0
-    assert shown == [Path("results/flap")]
-
-    def fail(_: object) -> None:
-        raise RuntimeError("no display")
-
-    monkeypatch.setattr(sys.modules["harness_opt.pictures"], "show", fail)
-    assert main(["show", "results/flap"]) == 2
-    assert "No window can be shown: no display" in capsys.readouterr().err
-
-
-# --- the rest ------------------------------------------------------------------------------------------
-
-
-def test_schema(capsys):
-    assert main(["schema"]) == 0
-    assert strict(capsys.readouterr().out)["title"] == "Problem file of harness-opt"
-
-
-@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"]])
-def test_help(capsys, arguments):
-    assert main(arguments) == 0
-    assert "harness-opt" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("command", ["check", "simulate", "redesign", "show", "schema"])
-def test_every_command_has_an_example(capsys, command):
-    assert main([command, "--help"]) == 0
-    assert f"harness-opt {command}" in capsys.readouterr().out.partition("Options:")[0].partition("\n")[2]
-
-
-def test_a_terminal_gets_a_bar(monkeypatch):
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    monkeypatch.setenv("NO_COLOR", "1")
-    stream = Terminal()
-    with Interrupts(print) as interrupts, progress_for(interrupts, stream) as progress:
-        progress("[lead]", 1, 2)
-        progress("redesign", 1, 0)
-    assert "[lead]" in stream.getvalue()
-    assert "1/2" in stream.getvalue()
-
-
-def test_the_command_line_alone_is_light(here):
-    program = (
-        "import sys, harness_opt.cli\n"
-        "print(*sorted({'numpy', 'scipy', 'casadi', 'pydantic', 'rich', 'trimesh'} & set(sys.modules)))"
-    )
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, env=environment(), capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == ""

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness_opt import drawing, opengl, pictures, rotations
+from harness_opt import animation, drawing, opengl, pictures, rotations
 from harness_opt.body_motion import Hinge
 from harness_opt.camera import TITLE_ROOM, Camera
 from harness_opt.clearance import measure
@@ -38,9 +38,11 @@ from harness_opt.problem import (
     Variable,
 )
 from harness_opt.problem_file import write_problem
+from harness_opt.report import write_results
 from harness_opt.results import Motion
 from harness_opt.scene import load_scene
-from harness_opt.window import KEPT, Window, read_motion
+from harness_opt.stored_motion import KEPT, read_motion
+from harness_opt.window import Window
 
 UP, ALONG = (tuple(rotations.from_tangent(way)) for way in ((0, 0, 1), (1, 0, 0)))
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="windows come without X11 elsewhere")
@@ -247,6 +249,8 @@ def test_words_go_where_the_picture_is_empty():
     occupied[:, 1000:] = False
     corner, box = pictures._free_place(np.array([0.55, 0.5]), "4.0 mm to part", occupied)
     assert corner[0] * 1600 >= 1000 and np.all(corner + box < 1)
+    low, _ = pictures._free_place(np.array([0.55, 0.05]), "4.0 mm to part", np.zeros((900, 1600), dtype=bool))
+    assert low[1] >= pictures.KEY_ROOM, "the keys stand below"
 
 
 # --- window ---------------------------------------------------------------------------------------------
@@ -267,8 +271,8 @@ def folder(two_cables, tmp_path) -> Path:
 
 
 def test_window_follows_the_motion(pyvista, folder, two_cables):
-    motion, worst = read_motion(folder)
-    assert worst == 0.5
+    motion, before, worst = read_motion(folder)
+    assert worst == 0.5 and before is None
     window = Window(motion, worst, off_screen=True)
     actors = window.plotter.actors
     assert names(actors, "part") == set(two_cables.problem.parts)
@@ -285,7 +289,7 @@ def test_window_follows_the_motion(pyvista, folder, two_cables):
 
 
 def test_window_steps_and_plays(pyvista, folder):
-    window = Window(*read_motion(folder), off_screen=True)
+    window = Window(*read_motion(folder)[::2], off_screen=True)
     window.go(0.0)
     window.step(1)
     assert window.at == window.motion.motion[1]
@@ -300,6 +304,117 @@ def test_window_steps_and_plays(pyvista, folder):
     window.tick(0.25)
     assert window.at == 0.0, "it starts again after the end"
     window.plotter.close()
+
+
+def shades(window: Window, cable: str) -> np.ndarray:
+    """Return the distinct colours (n, 3) of a cable in the last view of a window."""
+    return np.unique(window.acts[-1].renderer.actors[f"cable:{cable}"].mapper.dataset.point_data["colour"], axis=0)
+
+
+def test_window_colours_by_what_is_asked(pyvista, folder, two_cables):
+    motion, _, worst = read_motion(folder)
+    window = Window(motion, worst, off_screen=True)
+    allowed = {tuple(drawing.rgb(hex_)) for hex_ in (*CABLES[:2], TOUCHES, drawing.SHORT)}
+    assert {tuple(colour) for colour in shades(window, "power")} <= allowed
+    for mode, title in (("bend", "Bend radius"), ("twist", "Twist"), ("clearance", "Clearance")):
+        window.colour_by(mode)
+        titles = window.plotter.scalar_bars.keys()
+        assert [words.strip() for words in titles] == [title]
+        assert (len(shades(window, "power")) > 20) == (mode != "twist"), "without weight the twist is even"
+    window.colour_by("bend")
+    shapes = two_cables.cables["power"]
+    bends = np.linalg.norm(shapes.curvature[..., :2], axis=-1)
+    window.go(float(motion.motion[np.argmax(bends.max(axis=1))]))
+    reddest = shades(window, "power")[:, 0].max()
+    window.go(float(motion.motion[np.argmin(bends.max(axis=1))]))
+    assert shades(window, "power")[:, 0].max() <= reddest
+    window.colour_by("limits")
+    assert not window.plotter.scalar_bars.keys()
+    window.plotter.close()
+
+
+def test_window_points_at_what_is_nearest(pyvista, folder):
+    motion, _, worst = read_motion(folder)
+    window = Window(motion, worst, off_screen=True)
+    act = window.acts[0]
+    tight = min(act.moment(window.frame).still.pairs, key=lambda pair: pair.worst - pair.limit)
+    ends = act.renderer.actors["witness"].mapper.dataset.points
+    assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(abs(tight.worst), rel=1e-4)
+    window.plotter.close()
+
+
+def test_window_hides_and_shows(pyvista, folder):
+    motion, _, worst = read_motion(folder)
+    window = Window(motion, worst, off_screen=True)
+    for name, kind in (("ghosts", "ghost"), ("frames", "clamp:")):
+        for wanted in (True, False):
+            setattr(window, name, wanted)
+            window.go(0.5)
+            actors = window.acts[0].renderer.actors
+            found = [bool(actor.visibility) for key, actor in actors.items() if key.startswith(kind)]
+            assert found and set(found) == {wanted}
+    window.plotter.close()
+
+
+def test_window_shows_before_and_after_side_by_side(pyvista, design, tmp_path):
+    problem = replace(design.original, file=write_problem(design.original, tmp_path / "post.toml"))
+    write_results(replace(design, original=problem), tmp_path / "result")
+    motion, before, worst = read_motion(tmp_path / "result")
+    assert motion.problem.cables["lead"].cable.length == design.problem.cables["lead"].cable.length
+    assert before.problem.cables["lead"].cable.length == 0.2
+    window = Window(motion, worst, before=before, off_screen=True)
+    shown = [names(act.renderer.actors, "part") | names(act.renderer.actors, "cable") for act in window.acts]
+    assert shown == [{"post", "lead"}] * 2
+    cameras = [renderer.camera for renderer in window.plotter.renderers]
+    assert cameras[0].position == cameras[1].position
+    window.go(0.0)
+    image = window.picture().astype(int)
+    left, right = np.split(image, 2, axis=1)
+    assert like(left, CABLES[0]) > 300 and like(right, AFTER[0]) > 300
+    window.plotter.close()
+
+
+# --- film -----------------------------------------------------------------------------------------------
+
+
+def test_film_shows_the_motion(pyvista, two_cables, tmp_path):
+    av = pytest.importorskip("av", reason="av (the extra 'pictures') is not installed")
+    found = animation.write_pictures_and_film(two_cables, tmp_path)
+    assert found == ["worst.png", "motion.mp4"]
+    with av.open(str(tmp_path / "motion.mp4")) as film:
+        stream = film.streams.video[0]
+        assert (stream.codec_context.name, stream.width, stream.height) == ("h264", *animation.SIZE)
+        shots = [shot.to_ndarray(format="rgb24").astype(int) for shot in film.decode(video=0)]
+    seconds = len(shots) / animation.RATE
+    assert 2.0 <= seconds <= 6.0, "a motion of a second is shown in two, and held still at its ends"
+    for shot in (shots[0], shots[len(shots) // 2], shots[-1]):
+        assert 0.3 < np.mean(np.all(shot > 250, axis=-1)) < 0.98, "white around, and something on it"
+    assert np.mean(np.abs(shots[0] - shots[-1]) > 40) > 0.01, "it moves"
+    assert np.mean(np.abs(shots[0] - shots[5]) > 40) < 0.001, "it is held still at the start"
+
+
+@pytest.mark.parametrize("worst", [0.0, 0.37, 1.0])
+def test_moments_of_a_film_go_on_and_stop_at_the_worst(two_cables, worst):
+    shown = animation.moments(two_cables, worst)
+    assert shown[0] == 0.0 and shown[-1] == 1.0 and np.all(np.diff(shown) >= 0)
+    assert np.sum(shown == worst) >= animation.HOLD * animation.RATE
+    assert np.diff(shown).max() < 0.05
+
+
+def test_what_stands_still_has_no_film(pyvista, two_cables, tmp_path):
+    one = replace(
+        two_cables, motion=two_cables.motion[:1], cables={n: c.first(1) for n, c in two_cables.cables.items()}
+    )
+    assert animation.write_pictures_and_film(one, tmp_path) == ["worst.png"]
+
+
+def test_without_a_way_to_film_one_line_names_the_remedy(pyvista, two_cables, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(HarnessError, match=r'found no PyAV, expected the extra "harness-opt\[pictures\]"'):
+        animation.write_film(two_cables, load_scene(two_cables.problem), (), tmp_path)
+
+
+# --- what is missing ------------------------------------------------------------------------------------
 
 
 @linux

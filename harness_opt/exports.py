@@ -1,0 +1,154 @@
+"""A result for other programs: ParaView, spreadsheets, 3-D viewers and CAD."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from . import colouring
+from .clearance import ClearanceResult, measure
+from .drawing import placement, pose_at
+from .errors import HarnessError
+from .gltf import gltf
+from .limits import bending
+from .opengl import load_pyvista
+from .part_triangles import triangles
+from .results import Motion
+from .rotations import Array
+from .scene import Scene, load_scene
+from .stored_motion import read_motion
+from .swept_volume import swept_volume
+
+KINDS = ("paraview", "csv", "gltf", "stl")
+COLUMNS = (
+    "frame", "motion", "time_s", "arc_length_m", "x_m", "y_m", "z_m", "quaternion_w", "quaternion_x", "quaternion_y",
+    "quaternion_z", "curvature_x_per_m", "curvature_y_per_m", "twist_rad_per_m", "bend_radius_m", "force_x_N",
+    "force_y_N", "force_z_N", "moment_x_Nm", "moment_y_Nm", "moment_z_Nm", "clearance_m",
+)  # fmt: skip
+
+
+def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
+    """Write the motion that a result folder holds for another program; return what was written, a sentence each.
+
+    Args:
+        folder: of a result.
+        kind: "paraview" (``motion.pvd``, with a ``.vtp`` for each frame), "csv" (a table for each cable), "gltf"
+            (``motion.glb``, animated) or "stl" (the volume that each cable sweeps).
+        target: folder to write in; made where it is missing.
+
+    Raises:
+        HarnessError: no result in ``folder``, or a package that the export needs is missing; one line.
+        ProblemError: its problem file, or a mesh, can't be read any more.
+    """
+    writers: dict[str, Callable[[Motion, Scene, Path], Iterator[str]]] = {
+        "paraview": _paraview,
+        "csv": _csv,
+        "gltf": _gltf,
+        "stl": _stl,
+    }
+    if kind not in writers:
+        raise HarnessError(f"found an export to {kind!r}, expected one of {', '.join(KINDS)}")
+    motion, _, _ = read_motion(folder)
+    target = Path(target)
+    target.mkdir(parents=True, exist_ok=True)
+    return list(writers[kind](motion, load_scene(motion.problem), target))
+
+
+def _file_name(name: str) -> str:
+    """Return a cable's or a part's name as that of a file."""
+    return "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
+
+
+def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, frame: int) -> dict[str, Array]:
+    """Return what is known at the stations of a cable in one frame, by name."""
+    shapes = motion.cables[name]
+    points = colouring.Points(name, frame, shapes.s, shapes.position[frame])
+    clearance, _ = colouring.states(motion, scene, measured.pairs, points, np.inf)
+    with np.errstate(divide="ignore"):
+        radius = 1.0 / bending(shapes.first(frame + 1))[frame]
+    return {
+        "arc_length": shapes.s,
+        "curvature": shapes.curvature[frame],
+        "bend_radius": radius,
+        "twist_deg_per_m": np.degrees(shapes.curvature[frame, :, 2]),
+        "force": shapes.force[frame],
+        "moment": shapes.moment[frame],
+        "clearance": clearance,
+        "quaternion": shapes.quaternion[frame],
+    }
+
+
+def _csv(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
+    measured = measure(motion.problem, scene, motion.motion, motion.cables)
+    for name, shapes in motion.cables.items():
+        rows = []
+        for frame, at in enumerate(motion.motion):
+            found = _along(motion, scene, measured, name, frame)
+            when = np.tile([frame, at, at * motion.problem.duration], (len(shapes.s), 1))
+            columns = (
+                when, shapes.s, shapes.position[frame], found["quaternion"], found["curvature"], found["bend_radius"],
+                found["force"], found["moment"], found["clearance"],
+            )  # fmt: skip
+            rows.append(np.column_stack(columns))
+        file = target / f"{_file_name(name)}.csv"
+        np.savetxt(file, np.vstack(rows), fmt="%.10g", delimiter=",", header=",".join(COLUMNS), comments="")
+        yield f"{file}: {len(motion.motion)} frames of {len(shapes.s)} points"
+
+
+def _gltf(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
+    file = target / "motion.glb"
+    file.write_bytes(gltf(motion, scene))
+    yield f"{file}: animated, {motion.problem.duration:g} s"
+
+
+def _stl(motion: Motion, _scene: Scene, target: Path) -> Iterator[str]:
+    import trimesh
+
+    for name in motion.cables:
+        swept = swept_volume(motion, name)
+        file = target / f"swept_{_file_name(name)}_m.stl"
+        trimesh.Trimesh(swept.vertices, swept.faces, process=False).export(file)
+        litres = f"{1e6 * swept.volume:.1f} cm3"
+        yield f"{file}: {litres} in metres, nowhere more than {1e3 * swept.excess:.2f} mm too large"
+
+
+def _paraview(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
+    """Write a file for each frame of what moves, one for what does not, and the list of them that ParaView opens."""
+    pyvista = load_pyvista()
+    measured = measure(motion.problem, scene, motion.motion, motion.cables)
+    data = target / "frames"
+    data.mkdir(exist_ok=True)
+    solids = {name: pyvista.PolyData.from_regular_faces(*triangles(part)) for name, part in scene.parts.items()}
+    entries: list[str] = []
+    written: set[Path] = set()
+    for frame, at in enumerate(motion.motion):
+        shown: dict[str, Any] = {}
+        for name, shapes in motion.cables.items():
+            line = pyvista.MultipleLines(shapes.position[frame])
+            for key, values in _along(motion, scene, measured, name, frame).items():
+                line.point_data[key] = values
+            line.field_data["radius"] = [motion.problem.cables[name].cable.radius]
+            shown[f"cable_{_file_name(name)}_{frame:05d}.vtp"] = line
+        for name, solid in solids.items():
+            body = scene.parts[name].body
+            number = "" if motion.problem.body(body).motion is None else f"_{frame:05d}"
+            placed = solid.transform(placement(*pose_at(motion, frame, body)), inplace=False)
+            shown[f"part_{_file_name(name)}{number}.vtp"] = placed
+        for place, (name, mesh) in enumerate(shown.items()):
+            if data / name not in written:
+                mesh.save(data / name)
+                written.add(data / name)
+            time = f"{at * motion.problem.duration:.9g}"
+            entries.append(f'    <DataSet timestep="{time}" part="{place}" file={quoteattr(f"frames/{name}")}/>')
+    file = target / "motion.pvd"
+    listed = "\n".join(entries)
+    file.write_text(
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>\n'
+        f"{listed}\n  </Collection>\n</VTKFile>\n",
+        encoding="utf-8",
+    )
+    yield f"{file}: {len(motion.motion)} frames; colour by bend_radius, twist_deg_per_m or clearance"

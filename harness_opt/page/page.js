@@ -1,0 +1,220 @@
+// What the page does: the slider moves the scene, the cursors of the curves and the values in the tables.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const one = (selector) => document.querySelector(selector);
+const all = (selector) => [...document.querySelectorAll(selector)];
+const state = { moment: data.begin, playing: false, last: 0, stage: null };
+
+function theme(printing = false) {
+  const style = getComputedStyle(document.documentElement);
+  const names = ["paper", "still", "moving", "hit", "edge", "ink", "broken"];
+  const suffix = printing ? "-printed" : "";
+  return Object.fromEntries(names.map((name) => [name, rgb(style.getPropertyValue(`--scene-${name}${suffix}`).trim())]));
+}
+
+const chosen = (name) => one(`input[name=${name}]:checked`)?.value;
+const ticked = (name) => Boolean(one(`input[name=${name}]`)?.checked);
+
+/** The solved frame nearest to the moment, of the motion that curves and tables are about. */
+function solvedFrame() {
+  let best = 0;
+  data.motion.forEach((at, k) => {
+    if (Math.abs(at - state.moment) < Math.abs(data.motion[best] - state.moment)) best = k;
+  });
+  return best;
+}
+
+const number = (value, digits) => (value === null || value === undefined ? "-" : value.toFixed(digits));
+
+function tell() {
+  const frame = solvedFrame();
+  one("#slider").value = state.moment;
+  one("#moment").textContent =
+    `${(100 * data.motion[frame]).toFixed(1)} % of the motion, ${(data.motion[frame] * data.duration).toFixed(2)} s, ` +
+    `frame ${frame} of ${data.motion.length - 1}`;
+  all("[data-row]").forEach((cell) => {
+    const row = data.rows[cell.dataset.row], value = row.values[frame];
+    cell.textContent = value !== null && value > 1e5 ? "straight" : number(value, row.digits);
+    cell.classList.toggle("broken", value !== null && (row.most ? value > row.limit : value < row.limit));
+  });
+  all("[data-curve]").forEach((cell) => {
+    const value = data.curves[cell.dataset.curve][frame];
+    cell.textContent = value === null ? "-" : value > 1e5 ? "far" : Number(value.toPrecision(3)).toString();
+  });
+  const x = data.chart.left + data.motion[frame] * (data.chart.width - data.chart.left - data.chart.right);
+  all(".cursor").forEach((line) => {
+    line.setAttribute("x1", x);
+    line.setAttribute("x2", x);
+  });
+}
+
+function shownActs() {
+  const wanted = chosen("shown");
+  if (data.scenes.length === 1) return [0];
+  return wanted === "before" ? [0] : wanted === "after" ? [1] : [0, 1];
+}
+
+function drawKey(mode) {
+  one("#key").dataset.mode = mode;
+  const scale = data.scales[mode];
+  one("#ramp").hidden = !scale;
+  one("#states").hidden = Boolean(scale);
+  if (!scale) return;
+  one("#bar").style.background = `linear-gradient(90deg, ${data.ramp.map(([at, hex]) => `${hex} ${100 * at}%`).join(", ")})`;
+  one("#quantity").textContent = scale.title;
+  one("#ticks").replaceChildren(...scale.ticks.map(([at, words, limit]) => {
+    const tick = document.createElement("span");
+    tick.textContent = words;
+    tick.className = limit ? "limit" : "";
+    tick.style.left = `${100 * at}%`;
+    return tick;
+  }));
+}
+
+function draw(printing = false) {
+  const { stage } = state;
+  tell();
+  if (!stage) return;
+  const canvas = one("#canvas"), ratio = Math.min(window.devicePixelRatio || 1, 2), shown = shownActs();
+  const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  const options = {
+    mode: chosen("mode"), parts: chosen("parts"), ghosts: ticked("ghosts"), frames: ticked("frames"),
+    witness: ticked("witness"),
+  };
+  drawKey(options.mode);
+  const drawn = stage.draw(state.moment, shown, options, theme(printing));
+  one("#labels").replaceChildren(...drawn.flatMap(({ act, witness }, column) => {
+    const labels = [];
+    const put = (words, kind, x, y) => {
+      const label = document.createElement("span");
+      label.textContent = words;
+      label.className = kind;
+      label.style.left = `${100 * x}%`;
+      label.style.top = `${100 * y}%`;
+      labels.push(label);
+    };
+    if (act.scene.title) put(act.scene.title, "title", column / shown.length, 0);
+    const side = witness && witness.at[0] * shown.length - column > 0.7 ? " left" : "";
+    if (witness) put(witness.words, `witness${side}${witness.broken ? " broken" : ""}`, ...witness.at);
+    return labels;
+  }));
+}
+
+let asked = false;
+function redraw() {
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => {
+    asked = false;
+    draw();
+  });
+}
+
+function go(moment) {
+  state.moment = Math.max(0, Math.min(1, moment));
+  redraw();
+}
+
+function step(by) {
+  const act = state.stage?.acts.at(-1), at = act ? act.scene.motion : data.motion;
+  const frame = act ? act.nearestFrame(state.moment) : solvedFrame();
+  go(at[Math.max(0, Math.min(at.length - 1, frame + by))]);
+}
+
+function play(wanted) {
+  state.playing = wanted;
+  one("#play").textContent = wanted ? "Pause" : "Play";
+  one("#play").setAttribute("aria-pressed", wanted);
+  if (!wanted) return;
+  if (state.moment >= 1) go(0);
+  state.last = performance.now();
+  const tick = (now) => {
+    if (!state.playing) return;
+    go(state.moment + (now - state.last) / 1000 / data.duration);
+    state.last = now;
+    if (state.moment >= 1) play(false);
+    else requestAnimationFrame(tick);
+  };
+  requestAnimationFrame(tick);
+}
+
+function handlePointer(canvas) {
+  const pointers = new Map();
+  const spread = () => {
+    const [a, b] = [...pointers.values()];
+    return Math.hypot(a.x - b.x, a.y - b.y);
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = pointers.get(event.pointerId);
+    if (!before) return;
+    const apart = pointers.size === 2 ? spread() : 0, { camera } = state.stage;
+    const x = event.clientX - before.x, y = event.clientY - before.y;
+    pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    if (pointers.size === 2) camera.nearer(spread() / Math.max(apart, 1));
+    else if (event.shiftKey || event.buttons & 6) camera.shift(x / canvas.clientHeight, y / canvas.clientHeight);
+    else camera.turn(0.008 * x, 0.008 * y);
+    redraw();
+  });
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  // only where somebody is at work in the scene: else the page is scrolled
+  canvas.addEventListener("wheel", (event) => {
+    if (document.activeElement !== canvas && !event.ctrlKey) return;
+    event.preventDefault();
+    state.stage.camera.nearer(Math.exp(-0.0015 * event.deltaY));
+    redraw();
+  }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    const keys = { ArrowLeft: () => step(-1), ArrowRight: () => step(1), " ": () => play(!state.playing), w: () => go(data.worst),
+      "+": () => state.stage.camera.nearer(1.2), "-": () => state.stage.camera.nearer(1 / 1.2) };
+    if (!keys[event.key]) return;
+    event.preventDefault();
+    keys[event.key]();
+    redraw();
+  });
+}
+
+function begin() {
+  one("#slider").addEventListener("input", (event) => {
+    play(false);
+    go(Number(event.target.value));
+  });
+  one("#play").addEventListener("click", () => play(!state.playing));
+  one("#worst").addEventListener("click", () => go(data.worst));
+  all("#controls input").forEach((input) => input.addEventListener("change", redraw));
+  all("[data-look]").forEach((button) => button.addEventListener("click", () => {
+    if (!state.stage) return;
+    const sides = { top: [0, 0, 1], front: [0, -1, 0], side: [1, 0, 0] };
+    state.stage.camera.face(sides[button.dataset.look] ?? data.view.back);
+    redraw();
+  }));
+  all("[data-go]").forEach((button) => button.addEventListener("click", () => {
+    go(Number(button.dataset.go));
+    one("#scene").scrollIntoView({ behavior: "smooth", block: "nearest" });
+  }));
+  all("svg.chart").forEach((chart) => chart.addEventListener("click", (event) => {
+    const box = chart.getBoundingClientRect(), x = ((event.clientX - box.left) / box.width) * data.chart.width;
+    go((x - data.chart.left) / (data.chart.width - data.chart.left - data.chart.right));
+  }));
+  if (data.scenes.length) {
+    try {
+      state.stage = new Stage(one("#canvas"), data);
+      handlePointer(one("#canvas"));
+    } catch (error) {
+      one("#no-scene").hidden = false;
+      one("#no-scene").textContent = `The scene can't be drawn: ${error.message}. Everything else in this report stands.`;
+    }
+  }
+  new ResizeObserver(redraw).observe(one("#canvas") ?? document.body);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  addEventListener("beforeprint", () => draw(true));
+  addEventListener("afterprint", () => draw());
+  draw();
+}
+
+if (data.motion.length) begin();

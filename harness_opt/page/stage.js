@@ -1,0 +1,216 @@
+// The scene: parts, cables, ghosts, clamp frames and closest points of one or two motions, at a moment of them.
+
+const SIDES = 18;
+const STATES = [null, "#f28e1c", "#e0141e"]; // of a point: limits hold, one is broken, it touches
+const AXES = ["#d62728", "#2ca02c", "#1f5fd0"]; // d1, d2, d3
+const SLEEVE = "#4a525b";
+
+const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+
+function ramp(stops, t) {
+  const at = Math.max(0, Math.min(1, t)), k = Math.max(1, stops.findIndex(([stop]) => stop >= at));
+  const [[from, one], [to, other]] = [stops[k - 1], stops[k]], share = (at - from) / (to - from);
+  return add(scale(rgb(one), 1 - share), rgb(other), share);
+}
+
+/** One motion on the stage: its numbers decoded, and the buffers of its cables. */
+class Act {
+  constructor(renderer, scene, colours) {
+    Object.assign(this, { renderer, scene, frame: -1, mode: null });
+    this.bodies = {};
+    for (const [name, text] of Object.entries(scene.bodies)) this.bodies[name] = decode(text, Float32Array);
+    this.cables = scene.cables.map((cable, k) => ({
+      ...cable,
+      colour: rgb(colours[k % colours.length]),
+      position: decode(cable.position, Float32Array),
+      curvature: decode(cable.curvature, Float32Array),
+      twist: decode(cable.twist, Float32Array),
+      clearance: decode(cable.clearance, Float32Array),
+      state: decode(cable.state, Uint8Array),
+      clamps: decode(cable.clamps, Float32Array),
+    }));
+    this.nearest = scene.nearest.map((pair) => ({ ...pair, points: decode(pair.points, Float32Array) }));
+    this.ghosts = scene.ghosts.map((frame) => ({
+      frame,
+      cables: this.cables.map((cable) => renderer.mesh(tube(this.line(cable, frame), cable.radius, SIDES))),
+    }));
+  }
+
+  line(cable, frame) {
+    return cable.position.subarray(3 * cable.stations * frame, 3 * cable.stations * (frame + 1));
+  }
+
+  /** The shown frame nearest to a moment, 0 to 1. */
+  nearestFrame(moment) {
+    let best = 0;
+    this.scene.motion.forEach((at, k) => {
+      if (Math.abs(at - moment) < Math.abs(this.scene.motion[best] - moment)) best = k;
+    });
+    return best;
+  }
+
+  pose(body, frame) {
+    const numbers = this.bodies[body].subarray(7 * frame, 7 * frame + 7);
+    return placement(numbers.subarray(0, 3), numbers.subarray(3));
+  }
+
+  clamp(cable, end, frame) {
+    const line = this.line(cable, frame), last = line.length - 3;
+    const q = cable.clamps.subarray(8 * frame + 4 * end, 8 * frame + 4 * end + 4);
+    return placement(end ? line.subarray(last) : line.subarray(0, 3), q);
+  }
+
+  /** Show `frame` with cables coloured by `colour(cable, station index)`. */
+  set(frame, mode, colour) {
+    if (this.frame === frame && this.mode === mode) return;
+    Object.assign(this, { frame, mode });
+    for (const cable of this.cables) {
+      const data = tube(this.line(cable, frame), cable.radius, SIDES);
+      const first = cable.stations * frame;
+      const shades = Array.from({ length: cable.stations }, (_, k) => colour(cable, first + k));
+      data.colours = new Float32Array(data.positions.length);
+      data.stations.forEach((station, k) => data.colours.set(shades[station], 3 * k));
+      if (cable.mesh) this.renderer.fill(cable.mesh, data);
+      else cable.mesh = this.renderer.mesh(data);
+    }
+  }
+
+  /** What is tightest in this frame: {from, to, words, broken}, or null. */
+  witness(mode) {
+    if (mode === "bend" || mode === "twist") return this.extreme(mode);
+    let best = null;
+    for (const pair of this.nearest) {
+      const clearance = pair.clearance[this.frame], margin = clearance - (pair.limit ?? 0);
+      if (!best || margin < best.margin) best = { pair, clearance, margin };
+    }
+    if (!best) return this.extreme("bend");
+    const { pair, clearance } = best, points = pair.points.subarray(6 * this.frame, 6 * this.frame + 6);
+    const other = pair.obstacle === `cable:${pair.cable}` ? "itself" : pair.obstacle.replace(/^cable:/, "");
+    const size = `${(1000 * Math.abs(clearance)).toFixed(1)} mm`;
+    return {
+      from: [...points.subarray(0, 3)],
+      to: [...points.subarray(3)],
+      words: clearance < 0 ? `${size} deep in ${other}` : `${size} to ${other}`,
+      broken: clearance < (pair.limit ?? 0),
+    };
+  }
+
+  extreme(mode) {
+    let best = null;
+    for (const cable of this.cables) {
+      const values = mode === "bend" ? cable.curvature : cable.twist;
+      for (let k = 0; k < cable.stations; k++) {
+        const value = values[cable.stations * this.frame + k];
+        if (!best || value > best.value) best = { cable, k, value };
+      }
+    }
+    const line = this.line(best.cable, this.frame), at = [...line.subarray(3 * best.k, 3 * best.k + 3)];
+    const radius = 1000 / Math.max(best.value, 1e-9);
+    const words = mode === "twist" ? `twist ${best.value.toFixed(0)} deg/m`
+      : radius < 1e5 ? `bend radius ${radius.toFixed(1)} mm` : "straight";
+    return { from: at, to: at, words, broken: false };
+  }
+}
+
+/** Everything on the canvas. */
+class Stage {
+  constructor(canvas, data) {
+    this.renderer = new Renderer(canvas);
+    this.camera = new Camera(data.view);
+    this.data = data;
+    this.parts = data.parts.map((part) => {
+      const whole = decode(part.vertices, Uint16Array), vertices = new Float32Array(whole.length);
+      whole.forEach((value, k) => (vertices[k] = part.lower[k % 3] + value * part.step[k % 3]));
+      const made = solid(vertices, decode(part.faces, Uint32Array));
+      return { ...part, mesh: this.renderer.mesh(made), edges: this.renderer.mesh({ positions: made.edges }) };
+    });
+    this.acts = data.scenes.map((scene) => new Act(this.renderer, scene, scene.colours));
+    this.frameArrows = AXES.map((_, k) => {
+      const tip = [0, 0, 0].map((_, j) => (j === k ? 1 : 0));
+      return this.renderer.mesh(tube(new Float32Array([0, 0, 0, ...tip]), 0.05, 10));
+    });
+    this.sleeve = this.renderer.mesh(tube(new Float32Array([0, 0, -0.4, 0, 0, 2.2]), 1.5, 24));
+    this.pointer = this.renderer.mesh({ positions: new Float32Array(3) });
+  }
+
+  /** Draw the acts numbered in `shown` side by side, and return where their labels go, 0 to 1 of the canvas. */
+  draw(moment, shown, options, theme) {
+    const canvas = this.renderer.canvas, width = Math.floor(canvas.width / shown.length);
+    return shown.map((number, column) => {
+      const act = this.acts[number];
+      act.set(act.nearestFrame(moment), options.mode, (cable, k) => this.colour(cable, k, options.mode));
+      const seen = this.renderer.begin([column * width, 0, width, canvas.height], this.camera, theme.paper);
+      this.drawParts(act, options, theme);
+      this.drawCables(act, options);
+      if (options.ghosts) this.drawGhosts(act, theme);
+      return { act, ...this.drawWitness(act, seen, options, theme, column, shown.length) };
+    });
+  }
+
+  colour(cable, k, mode) {
+    const { scales, ramp: stops } = this.data;
+    if (mode === "bend") return ramp(stops, cable.curvature[k] / scales.bend.most);
+    if (mode === "twist") return ramp(stops, cable.twist[k] / scales.twist.most);
+    if (mode === "clearance") return ramp(stops, 1 - cable.clearance[k] / scales.clearance.most);
+    const state = STATES[cable.state[k]];
+    return state ? rgb(state) : cable.colour;
+  }
+
+  drawParts(act, options, theme) {
+    const touched = new Set(act.nearest.filter((pair) => pair.clearance[act.frame] < 0).map((pair) => pair.obstacle));
+    if (options.parts === "none") return;
+    const clear = (part) => options.parts === "glass" || touched.has(part.name);
+    for (const part of [...this.parts].sort((a, b) => clear(a) - clear(b))) {
+      const model = act.pose(part.body, act.frame), glass = clear(part);
+      const colour = touched.has(part.name) ? theme.hit : part.moves ? theme.moving : theme.still;
+      part.pending = { model, colour, glass };
+      if (!glass) this.renderer.draw(part.mesh, { model, colour });
+      this.renderer.drawLines(part.edges, { model, colour: theme.edge, alpha: glass ? 0.55 : 1 });
+    }
+  }
+
+  drawCables(act, options) {
+    for (const cable of act.cables) {
+      this.renderer.draw(cable.mesh, { shine: 0.3 });
+      for (const end of [0, 1]) {
+        const model = act.clamp(cable, end, act.frame), size = cable.radius * (end ? -1 : 1);
+        const sized = (k) => multiply(model, new Float32Array([k[0], 0, 0, 0, 0, k[1], 0, 0, 0, 0, k[2], 0, 0, 0, 0, 1]));
+        this.renderer.draw(this.sleeve, { model: sized([Math.abs(size), Math.abs(size), size]), colour: rgb(SLEEVE) });
+        if (!options.frames) continue;
+        const long = 10 * cable.radius;
+        AXES.forEach((hex, k) => this.renderer.draw(this.frameArrows[k], { model: sized([long, long, long]), colour: rgb(hex) }));
+      }
+    }
+    for (const part of this.parts) {
+      if (options.parts !== "none" && part.pending?.glass)
+        this.renderer.draw(part.mesh, { model: part.pending.model, colour: part.pending.colour, alpha: 0.32 });
+    }
+  }
+
+  drawGhosts(act, theme) {
+    for (const ghost of act.ghosts) {
+      if (ghost.frame === act.frame) continue;
+      act.cables.forEach((cable, k) => this.renderer.draw(ghost.cables[k], { colour: cable.colour, alpha: 0.2 }));
+      for (const part of this.parts) {
+        if (!part.moves) continue;
+        const model = act.pose(part.body, ghost.frame);
+        this.renderer.draw(part.mesh, { model, colour: theme.moving, alpha: 0.07 });
+        this.renderer.drawLines(part.edges, { model, colour: theme.edge, alpha: 0.22 });
+      }
+    }
+  }
+
+  drawWitness(act, seen, options, theme, column, columns) {
+    const found = options.witness ? act.witness(options.mode) : null;
+    if (!found) return { witness: null };
+    const pixel = (2 * TANGENT * this.camera.distance) / this.renderer.canvas.height, ratio = window.devicePixelRatio || 1;
+    const colour = found.broken ? theme.broken : theme.ink, apart = norm(add(found.to, found.from, -1));
+    const ends = apart > pixel ? [...found.from, ...found.to] : [...found.from, ...add(found.from, seen.up, pixel)];
+    this.renderer.fill(this.pointer, tube(new Float32Array(ends), 1.6 * ratio * pixel, 10));
+    this.renderer.draw(this.pointer, { colour, above: true, shine: 0 });
+    const middle = scale(add(found.from, found.to), 0.5), m = seen.matrix;
+    const clip = [0, 1, 3].map((r) => m[r] * middle[0] + m[4 + r] * middle[1] + m[8 + r] * middle[2] + m[12 + r]);
+    const at = [(column + 0.5 + (0.5 * clip[0]) / clip[2]) / columns, 0.5 - (0.5 * clip[1]) / clip[2]];
+    return { witness: { ...found, at } };
+  }
+}

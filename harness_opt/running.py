@@ -1,0 +1,203 @@
+"""One run of the command line: read, solve, measure, write, draw and tell, in an order in which nothing is lost."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .errors import HarnessError, ProblemError, SolveError, Status
+from .progress import Interrupts, progress_for
+
+if TYPE_CHECKING:
+    from .clearance import ClearanceResult
+    from .motion import Progress
+    from .outer_loop import Redesign
+    from .problem import Problem
+    from .results import Motion
+    from .scene import Scene
+
+    Solve = Callable[[Problem, Progress], Motion | Redesign]
+    _Found = tuple[Motion | Redesign, ClearanceResult | None, str]  # with the command that found it
+    _Summary = dict[str, Any]
+
+BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
+EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
+REMEDY = 'pip install "harness-opt[pictures]"'
+
+
+@dataclass(frozen=True)
+class Voice:
+    """What the user is told by: results, messages a line each, and a line from inside a signal handler."""
+
+    say: Callable[[str], None]
+    tell: Callable[..., None]
+    warn: Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user wants to be shown and kept; ``folder`` is None for the usual place.
+
+    ``tolerance`` is that of the clearances, m, or None.
+    """
+
+    folder: Path | None
+    as_json: bool
+    quiet: bool
+    pictures: bool
+    tolerance: float | None = None
+
+
+@contextlib.contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Put the name of ``file`` before mistakes that come without."""
+    try:
+        yield
+    except ProblemError as error:
+        raise ProblemError(
+            line if line.startswith(str(file)) else f"{file}: {line}" for line in error.mistakes
+        ) from None
+
+
+def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) -> int:
+    """Read, solve, measure, write, draw and tell; return the exit code.
+
+    Args:
+        command: "simulate" or "redesign".
+        file: of the problem.
+        wanted: what to show and to keep.
+        solve: finds the motion, or the design.
+        voice: what the user is told by.
+
+    Raises:
+        ProblemError: bad input, or a folder that cannot be written.
+    """
+    begin = time.perf_counter()
+    from .problem_file import read_problem
+    from .report import input_files, timed
+    from .result_folder import check_target
+    from .scene import load_scene
+
+    problem = read_problem(file)
+    folder = wanted.folder or Path("results") / file.stem
+    check_target(folder, input_files(problem))  # now, and not after an hour of solving
+    with naming(file):
+        scene = load_scene(problem)
+    if not wanted.quiet:
+        voice.tell(*(f"{file}: {warning}" for warning in scene.warnings))
+    loaded = time.perf_counter() - begin
+    with Interrupts(voice.warn) as interrupts:
+        with naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
+            result = _solved(problem, solve, progress)
+        result, measured = _measured(result, scene, wanted.tolerance)
+        result = timed(result, load=loaded, total=time.perf_counter() - begin)
+        summary, place = _kept(wanted, folder, interrupts.asked, (result, measured, command), voice)
+        interrupts.patient = False
+        try:
+            interrupts.stop_here()
+            if wanted.pictures and summary["frames"]:
+                summary = _with_pictures(folder, (result, measured, command), scene, voice)
+        except KeyboardInterrupt:
+            interrupts.asked = True
+    _show(wanted, summary, place, voice)
+    return INTERRUPTED if interrupts.asked else EXIT[summary["status"]]
+
+
+def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[_Summary, Path | None]:
+    """Write what was found; return its summary and the folder, or None where nothing was written."""
+    from .report import summary, write_results
+
+    result, measured, command = found
+    content = summary(result, measured, command=command)
+    if interrupted and not content["frames"]:
+        return content, None  # an earlier result is worth more
+    try:
+        return write_results(result, folder, measured=measured, command=command), folder
+    except ProblemError:
+        _show(wanted, content, None, voice)  # what was found is not lost with the disk
+        raise
+
+
+def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -> None:
+    """Print the summary, and where it was written, if it was."""
+    from .report import as_json
+    from .tables import advice, report
+
+    if wanted.as_json:
+        voice.say(as_json(summary))
+    where = "Nothing was written." if place is None else f"Results: {place}{os.sep}"
+    if not wanted.quiet:
+        text = "\n".join([report(summary), where, *advice(summary, place)])
+        (voice.tell if wanted.as_json else voice.say)(text)
+    elif summary["status"] == "unsolved":
+        voice.tell(summary["message"])
+
+
+def _solved(problem: Problem, solve: Solve, progress: Progress) -> Motion | Redesign:
+    """Return what ``solve`` finds, or what it had found when it gave up."""
+    try:
+        return solve(problem, progress)
+    except SolveError as error:
+        partial, status, message = error.partial, error.status, str(error)
+    except KeyboardInterrupt:
+        partial, status, message = None, Status.INTERRUPTED, Status.INTERRUPTED.value
+    if partial is None:
+        import numpy as np
+
+        from .results import Motion
+
+        partial = Motion(problem, np.zeros(0), {})
+    return dataclasses.replace(partial, status=status, message=message)
+
+
+def _measured(
+    result: Motion | Redesign, scene: Scene, tolerance: float | None
+) -> tuple[Motion | Redesign, ClearanceResult | None]:
+    """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
+    from .report import clearances, timed
+    from .results import Motion
+
+    if not isinstance(result, Motion):
+        return result, None
+    begin = time.perf_counter()
+    measured = clearances(result, scene, tolerance=tolerance)
+    return timed(result, clearance=time.perf_counter() - begin), measured
+
+
+def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _Summary:
+    """Write the results again with a report, and then with pictures; where none can be drawn say why.
+
+    The results stand already, and the report before the pictures, so that nothing that a graphics driver does can
+    cost them.
+    """
+    from .html_report import prepare, write_page
+    from .report import timed, write_results
+
+    result, measured, command = found
+    begin = time.perf_counter()
+    page = functools.partial(write_page, prepare(result, measured, scene))
+    result = timed(result, report=time.perf_counter() - begin)
+    content = write_results(result, folder, measured=measured, command=command, page=page)
+    try:
+        from .animation import write_pictures_and_film
+
+        draw = functools.partial(write_pictures_and_film, clearances=measured)
+        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page)
+    except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers
+        voice.tell(f"Pictures left out: {remedied(error)}")
+        return content
+
+
+def remedied(error: Exception) -> str:
+    """Return the first line of an error about pictures, and what to do about it."""
+    words = next(iter(str(error).splitlines()), "") or type(error).__name__
+    missing = isinstance(error, ImportError) or isinstance(error.__cause__, ImportError)
+    return words if isinstance(error, HarnessError) and not missing else f"{words}; try {REMEDY}"
