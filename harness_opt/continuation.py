@@ -48,6 +48,7 @@ ELEMENTS = (
 )  # meshes on offer; a function is built once for each
 RESIDUAL = 1e-11  # of the scaled equations
 PATH_RESIDUAL = 1e-10  # the same on a path: 2e-10 L off a solve to the last digit, over the reference cases' motions
+ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
 STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
 NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
 SMALLEST_STEP = 2.0**-12  # of a path step
@@ -131,8 +132,10 @@ def solve_on(
         residual: largest entry of the scaled equations that counts as solved.
     """
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
-    # rounding grows with the loads that the moment equations carry
-    tolerance = residual * math.sqrt(_load_scale(case.load, x[-3:]))
+    # rounding grows with the loads that the moment equations carry, and turns long soft elements
+    scale = _load_scale(case.load, x[-3:])
+    turned = ROUNDING * scale * float(np.max(mesh[1:] - mesh[:-1])) ** 2 / float(np.min(case.section.stiffness))
+    tolerance = residual * math.sqrt(scale) + turned
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     solution = SOLVERS[solver](bound.least_squares(), x, Options(tolerance, iterations, factor=factor))
     return Solved(case, bound, solution)

@@ -1,4 +1,4 @@
-"""Letting a cable go: down its energy to rest, on elements that fit what it holds on the way, then solved accurately."""
+"""Letting a cable go: down its energy to rest, on elements that fit what it holds, then solved accurately."""
 
 from __future__ import annotations
 

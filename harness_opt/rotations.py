@@ -94,7 +94,7 @@ def from_rotation_vector(v: ArrayLike) -> Array:
 
 
 def rotation_vector(q: ArrayLike) -> Array:
-    """Return ``v`` (..., 3), |v| up to 2 pi, with ``q`` (..., 4) = from_rotation_vector(v): of q and -q, two vectors."""
+    """Return ``v`` (..., 3), |v| up to 2 pi, with from_rotation_vector(v) = ``q`` (..., 4); that of -q is another."""
     q = np.asarray(q, dtype=float)
     sine = np.linalg.norm(q[..., 1:], axis=-1)
     half = np.arctan2(sine, q[..., 0])

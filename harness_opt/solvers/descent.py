@@ -23,9 +23,10 @@ from .interface import Array, Landscape
 
 FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
-AT_REST_SHIFT = 1e-5  # a medium that resists less than this hides no way down
+AT_REST_SHIFT = 1e-5  # a medium that resists less than this, of the multipliers' size, hides no way down
 AT_REST_STEP, AT_REST_ENERGY = 1e-2, 1e-10  # rad; relative: what is left to gain in a last step
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
+IDLE = 5  # steps in a row that small, with any shift, show that rounding hides the rest
 ON = 1e-6  # constraints are held to this, or to CLOSE of the least room that they leave
 CLOSE = 1e-5
 CORRECTIONS, WAYS_BACK = 8, 30  # steps back onto the constraints: from a step, from a first guess
@@ -56,7 +57,8 @@ class _Walker:
 
     def __init__(self, landscape: Landscape, q: Array, multipliers: Array, shift: float, longest: float, room: float):
         self.landscape, self.q, self.multipliers = landscape, q, multipliers
-        self.shift, self.longest, self.strains = shift, longest, 0
+        self.shift, self.longest = shift, longest
+        self.strains = self.idle = 0
         self.on = min(ON, CLOSE * room)
         self.linear = ca.Linsol("bordered", "ldl", landscape.sparsity)
 
@@ -67,6 +69,10 @@ class _Walker:
     def factorise(self, matrix: ca.DM) -> None:
         self.matrix = matrix
         self.linear.nfact(matrix)
+
+    def shortened(self, step: Array) -> Array:
+        largest = float(np.max(np.abs(step), initial=0.0))
+        return step if largest <= self.longest else step * (self.longest / largest)
 
     def come_back(self) -> bool:
         """Bring a first guess onto the constraints, by the shortest way in the metric."""
@@ -80,11 +86,13 @@ class _Walker:
             step, _ = self.solve(np.zeros_like(here.gradient), -here.constraint)
             if not np.all(np.isfinite(step)):
                 return False
-            self.q = self.landscape.move(self.q, step * min(1.0, self.longest / max(float(np.max(np.abs(step))), 1e-300)))
+            self.q = self.landscape.move(
+                self.q, step * min(1.0, self.longest / max(float(np.max(np.abs(step))), 1e-300))
+            )
         return False
 
     def corrected(self, q: Array) -> Array | None:
-        """Return ``q`` brought back onto the constraints by the matrix of the step; None where it does not get nearer."""
+        """Return ``q`` brought back onto the constraints by the step's own matrix; None where it gets no nearer."""
         missed = np.inf
         for _ in range(CORRECTIONS):
             constraint = self.landscape.energy(q)[1]
@@ -95,10 +103,9 @@ class _Walker:
                 return None
             missed = size
             step, _ = self.solve(np.zeros(self.linear.sparsity().size1() - len(constraint)), -constraint)
-            largest = float(np.max(np.abs(step)))
-            if not np.isfinite(largest):
+            if not np.all(np.isfinite(step)):
                 return None
-            q = self.landscape.move(q, step * min(1.0, self.longest / max(largest, 1e-300)))
+            q = self.landscape.move(q, self.shortened(step))
         return None
 
     def advance(self) -> Ended | None:
@@ -121,7 +128,9 @@ class _Walker:
             multipliers = self.multipliers - change
             predicted = 0.5 * float(-here.gradient @ step + self.shift * (here.weights @ step**2))
             gain = abs(predicted) / (1.0 + abs(energy))
-            if size < AT_REST_STEP and gain < AT_REST_ENERGY and self.shift <= AT_REST_SHIFT:
+            slight = self.shift <= AT_REST_SHIFT * (1.0 + float(np.linalg.norm(multipliers)))
+            idle = size < AT_REST_STEP and gain < AT_REST_ENERGY
+            if idle and (slight or self.idle == IDLE):
                 self.q, self.multipliers = self.landscape.move(self.q, step), multipliers
                 return Ended.AT_REST
             trial = self.corrected(self.landscape.move(self.q, step))
@@ -133,10 +142,11 @@ class _Walker:
             if trial is not None:
                 there, left = self.landscape.energy(trial)
                 # the multipliers take what is left of the constraints out of both
-                fall = (energy - multipliers @ missed) - (there - multipliers @ left)
+                fall = float((energy - multipliers @ missed) - (there - multipliers @ left))
                 rounding = 1e-13 * (1.0 + abs(energy) + float(np.linalg.norm(multipliers)))
                 if fall >= SUFFICIENT * predicted - rounding:
                     self.q, self.multipliers = trial, multipliers
+                    self.idle = self.idle + 1 if idle else 0
                     self._relent(1.0 if abs(fall - predicted) <= rounding else fall / predicted, size)
                     return None
             self._stiffen(4.0)
@@ -153,7 +163,7 @@ class _Walker:
         self.shift = max(self.shift, LEAST_SHIFT)
 
 
-def descend(  # noqa: PLR0913
+def descend(
     landscape: Landscape,
     q: Array,
     multipliers: Array,

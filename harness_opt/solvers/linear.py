@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# A condition number above this marks a rank deficiency (a straight cable, a cable that may turn freely about
-# coaxial clamps), if it stays above it with rows and columns scaled to the same size: heavy and stiff cables only
-# look singular.
-CONDITION_LIMIT = 1e9
+# A condition number above the first marks a rank deficiency (a straight cable, a cable that may turn freely about
+# coaxial clamps), if it stays above the second with rows and columns scaled to the same size: heavy, stiff and taut
+# cables only look singular. A slack of 1e-6 L has 1e12.
+CONDITION_LIMIT, SCALED_LIMIT = 1e9, 1e13
 # Below this one a factor serves for problems nearby too. Of a shape that may turn freely the Jacobian is singular at
 # the solution alone: off it, and that is where it is mostly factorised, the condition number is anything from 5e4 up.
 BENIGN = 1e6
 RANK_TOLERANCE = 1e-11  # singular values below this fraction of the largest count as zero
+MOST_DENSE = 1500  # unknowns up to which singular values are looked at: a second's work
+DAMPING = 1e-18  # of larger problems, of rows and columns scaled to 1: steps of all but the least norm
 
 
 @dataclass(frozen=True)
@@ -34,20 +36,23 @@ class Factor:
 
     Args:
         jacobian: (m, n).
-        lu: SuperLU object of the Jacobian, or of the Jacobian bordered by its null vectors; None for a dense solve.
-        bordered: which of the two.
+        lu: SuperLU object of the Jacobian, of the Jacobian bordered by its null vectors, or of the damped system of
+            its scaled rows and columns; None for a dense solve.
+        bordered: whether it is the second.
         condition: estimate of the condition number of the matrix that ``lu`` factorises.
+        scales: of the rows (m,) and the columns (n,), where it is the third.
     """
 
     jacobian: sp.csc_array
     lu: Any
     bordered: bool = False
     condition: float = np.inf
+    scales: tuple[Array, Array] | None = None
 
     @property
     def singular(self) -> bool:
         """True where the Jacobian is rank deficient to rounding, or not square."""
-        return self.lu is None or self.bordered
+        return self.lu is None or self.bordered or self.scales is not None
 
     @property
     def benign(self) -> bool:
@@ -58,6 +63,10 @@ class Factor:
         """Return y that solves J y = b (m,) or (m, k): exactly, or in least squares with minimum norm."""
         if self.bordered:
             return self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
+        if self.scales is not None:
+            rows, columns = (scale.reshape(-1, *(1,) * (b.ndim - 1)) for scale in self.scales)
+            padded = np.concatenate([rows * b, np.zeros((len(columns), *b.shape[1:]))])
+            return columns * self.lu.solve(padded)[len(rows) :]
         if self.lu is not None:
             return self.lu.solve(np.ascontiguousarray(b))
         return scipy.linalg.lstsq(
@@ -71,24 +80,32 @@ def factorise(jacobian: sp.csc_array) -> Factor:
     Sparse LU where square and regular. Where one direction is lost, the matrix bordered by its null vectors is
     regular, and solving with it gives the least-squares solution of minimum norm (Govaerts, "Numerical Methods for
     Bifurcations of Dynamical Equilibria", section 3.2). Where more are lost, or the matrix is not square, a dense
-    solve does.
+    solve does, or in a large problem a hardly damped one.
     """
     rows, columns = jacobian.shape
     lu = _lu(jacobian) if rows == columns else None
     if lu is None:
-        return Factor(jacobian, None)
+        return _least_norm(jacobian)
     condition, right = _condition(jacobian, lu, "T", "N")
     scaled = condition if condition < BENIGN else min(condition, _scaled_condition(jacobian))
-    if scaled < CONDITION_LIMIT:
+    if condition < CONDITION_LIMIT or scaled < SCALED_LIMIT:
         return Factor(jacobian, lu, condition=scaled)
     if np.isfinite(condition):
         left = _condition(jacobian, lu, "N", "T")[1]
         size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
         border = sp.block_array([[jacobian, size * left[:, None]], [size * right[None, :], None]], format="csc")
         bordered = _lu(border)
-        if bordered is not None and (scaled := _scaled_condition(border)) < CONDITION_LIMIT:
+        if bordered is not None and (scaled := _scaled_condition(border)) < SCALED_LIMIT:
             return Factor(jacobian, bordered, bordered=True, condition=scaled)
-    return Factor(jacobian, None)
+    return _least_norm(jacobian)
+
+
+def _least_norm(jacobian: sp.csc_array) -> Factor:
+    """Return what solves with a Jacobian that has lost more than one direction."""
+    if jacobian.shape[1] <= MOST_DENSE or jacobian.shape[0] != jacobian.shape[1]:
+        return Factor(jacobian, None)
+    scaled, rows, columns = _equilibrated(jacobian)
+    return Factor(jacobian, spla.splu(_damped(scaled, DAMPING)), scales=(rows, columns))
 
 
 def _lu(matrix: sp.csc_array) -> Any:
@@ -101,12 +118,19 @@ def _lu(matrix: sp.csc_array) -> Any:
             return None
 
 
-def _scaled_condition(matrix: sp.csc_array) -> float:
-    """Return the condition number of ``matrix`` with its rows, then its columns, scaled to a largest entry of 1."""
+def _equilibrated(matrix: sp.csc_array) -> tuple[sp.csc_array, Array, Array]:
+    """Return ``matrix`` with its rows, then its columns, scaled to a largest entry of 1, and the scales."""
     rows = spla.norm(matrix, np.inf, axis=1)
-    scaled = sp.diags_array(1.0 / np.where(rows > 0, rows, 1.0)) @ matrix
+    rows = 1.0 / np.where(rows > 0, rows, 1.0)
+    scaled = sp.diags_array(rows) @ matrix
     columns = spla.norm(scaled, np.inf, axis=0)
-    scaled = sp.csc_array(scaled @ sp.diags_array(1.0 / np.where(columns > 0, columns, 1.0)))
+    columns = 1.0 / np.where(columns > 0, columns, 1.0)
+    return sp.csc_array(scaled @ sp.diags_array(columns)), rows, columns
+
+
+def _scaled_condition(matrix: sp.csc_array) -> float:
+    """Return the condition number of ``matrix`` with rows and columns scaled."""
+    scaled = _equilibrated(matrix)[0]
     lu = _lu(scaled)
     return np.inf if lu is None else _condition(scaled, lu, "T", "N")[0]
 
@@ -127,13 +151,18 @@ def _condition(matrix: sp.csc_array, lu: Any, first: str, second: str) -> tuple[
 
 
 def damped_step(jacobian: sp.csc_array, residual: Array, damping: float) -> Array:
-    """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2.
+    """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2."""
+    rows, columns = jacobian.shape
+    return spla.splu(_damped(jacobian, damping)).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]
 
-    By the augmented system [I J; J^T -damping I] [s; p] = [-r; 0], sparse and without the squared condition number
-    of the normal equations (Bjoerck, "Numerical Methods for Least Squares Problems", section 2.6).
+
+def _damped(jacobian: sp.csc_array, damping: float) -> sp.csc_array:
+    """Return the augmented system [I J; J^T -damping I] of a damped step.
+
+    It is sparse and without the squared condition number of the normal equations (Bjoerck, "Numerical Methods for
+    Least Squares Problems", section 2.6).
     """
     rows, columns = jacobian.shape
-    system = sp.block_array(
+    return sp.block_array(
         [[sp.eye_array(rows), jacobian], [jacobian.T, -damping * sp.eye_array(columns)]], format="csc"
     )
-    return spla.splu(system).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]

@@ -155,9 +155,7 @@ def _pattern(elements: int, held_start: bool, held_end: bool, closed: bool) -> _
     keys, places = np.unique(np.concatenate(columns) * order + np.concatenate(rows), return_inverse=True)
     column, row = np.divmod(keys, order)
     starts = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=order))])
-    return _Pattern(
-        nodes, free, blocks, chords, places, ca.Sparsity(order, order, starts.tolist(), row.tolist())
-    )
+    return _Pattern(nodes, free, blocks, chords, places, ca.Sparsity(order, order, starts.tolist(), row.tolist()))
 
 
 class Chain:
@@ -221,7 +219,7 @@ class Chain:
         return chords.sum(axis=1) - self.boundary.gap if self.closed else np.zeros(0)
 
     def energy(self, q: Array) -> tuple[float, Array]:
-        """Return the energy, in B/L, of quaternions (m, 4), and by how much the constraints are missed (constraints,)."""
+        """Return the energy, in B/L, of quaternions (m, 4), and what is missed of the constraints (constraints,)."""
         energies, chords = self._energy(*self._arguments(q, self.force(self.multipliers)))
         return float(np.sum(np.asarray(energies))), self._closure(np.asarray(chords))
 
@@ -265,15 +263,18 @@ class Chain:
         plain = turned @ spin + 0.5 * (twice + np.swapaxes(twice, -1, -2)) + loads  # phi (.) phi
         weights = tableau.weights
 
-        def integrated(field: Array, products: Array) -> Array:
-            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ products.reshape(DEGREE, -1)
+        def integrated(field: Array, weight: Array) -> Array:
+            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ weight.reshape(DEGREE, -1)
             blocks = summed.reshape(count, 3, 3, DEGREE + 1, DEGREE + 1).transpose(0, 3, 1, 4, 2)
             return np.asarray(blocks.reshape(count, UNKNOWNS, UNKNOWNS))
 
-        mixed = integrated(rate, weights[:, None, None] * values[:, :, None] * slopes[:, None, :])
+        def products(left: Array, right: Array) -> Array:
+            return np.asarray(weights[:, None, None] * left[:, :, None] * right[:, None, :])
+
+        mixed = integrated(rate, products(values, slopes))
         rigid = np.einsum("g,ga,gb,ij->aibj", weights, slopes, slopes, np.diag(stiffness)).reshape(UNKNOWNS, UNKNOWNS)
         hessian = rigid / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
-        hessian += steps[:, None, None] * integrated(plain, weights[:, None, None] * values[:, :, None] * values[:, None, :])
+        hessian += steps[:, None, None] * integrated(plain, products(values, values))
         lever = rotations.matrix(q) @ -rotations.cross_matrix(d3)  # R (phi x d3)
         chords = np.einsum("e,ga,egci->ecai", steps, weights[:, None] * values, lever)
         return hessian, chords.reshape(count, 3, UNKNOWNS)
