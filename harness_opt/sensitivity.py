@@ -100,9 +100,8 @@ def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array, *, exact: boo
         swept: the cable, P frames.
         clamps: what moves its clamps, k variables.
         stations: arc lengths over the length, (N,).
-        exact: False takes the factors that the solver has left behind, from just beside the solution: good to a per
-            cent
-            or better, for a step of an optimiser.
+        exact: False takes the factors that the solver has left behind, of a frame nearby: mostly good to a per cent, at
+            worst to a tenth (lift_arm, drawer), for a step of an optimiser.
     """
     nodes, rod, units = _node_rates(swept, clamps, exact), swept.rod, swept.units
     count, frames = len(clamps.length), len(swept.frames)
