@@ -51,6 +51,8 @@ def _inside(name: str, local):
         return (along > 15) & (along < 40) & (z < 12.5)
     if name.endswith("cavity"):
         return (np.maximum(np.maximum(x, y), z) < 30) & (np.maximum(np.maximum(x, y), z) > 20)
+    if name == "crossed":
+        return (y < 20) & (z < 10) & (local[:, 0] > -30) & (local[:, 0] < 70)
     if name == "twins":
         moved = np.abs(local - [60, 40, 0])
         return ((x < 30) & (y < 20) & (z < 10)) | np.all(moved < [30, 20, 10], axis=1)
@@ -90,6 +92,8 @@ def test_mesh_against_every_triangle(name, tmp_path, rng):
         else:
             assert np.all(distance >= 0)
     # the gradient on the surface points outward: a step along it leaves the part
+    if name == "crossed":  # some of its surface lies inside it
+        return
     on, normal, _ = geometry.signed_distance(points[:100])
     on = geometry.signed_distance(points[:100] + 1e-5 * normal)[0]
     assert np.all(on > 0)
@@ -268,10 +272,22 @@ def test_too_many_triangles_are_refused(tmp_path, monkeypatch):
         load_mesh(MESHES["box"], tmp_path)
 
 
+def test_too_many_triangles_are_refused_before_they_are_read(tmp_path):
+    """A binary STL file says how many it has: ten million and one need not be held first."""
+    path, count = tmp_path / "huge.stl", 10_000_001
+    with path.open("wb") as file:
+        file.write(bytes(80) + count.to_bytes(4, "little"))
+        file.truncate(84 + 50 * count)  # nothing is written: the disk keeps a hole
+    with pytest.raises(ProblemError, match=r"found 10,000,001 triangles, expected at most 10,000,000"):
+        load_scene(problem_with(Part(MeshFile(path, "mm"))))
+
+
 def test_open_mesh_is_told(tmp_path):
     MESHES["open"].export(tmp_path / "open.stl")
-    problem = problem_with(Part(MeshFile(tmp_path / "open.stl", "mm")))
+    problem = problem_with(Part(MeshFile(tmp_path / "open.stl", "mm", shell=True)))
     assert "parts.part.mesh" in load_scene(problem).warnings[0]
+    with pytest.raises(ProblemError, match=r"parts\.part\.mesh: found a surface that is not closed .* shell = true"):
+        load_scene(problem_with(Part(MeshFile(tmp_path / "open.stl", "mm"))))
 
 
 def test_scene_is_light_without_meshes():
