@@ -134,6 +134,38 @@ def test_large_mesh_in_clusters(tmp_path, rng):
     assert np.array_equal(distance < 0, np.abs(geometry.winding_number(points)) > 0.5)
 
 
+def test_five_states_of_one_mesh(tmp_path, rng):
+    """Closed, inside out, with flat faces, in millimetres: the same solid. Open: a shell, and only on request."""
+    pytest.importorskip("manifold3d")
+    script = _script("make_meshes")
+    parts = {}
+    for name, mesh in script.variants().items():
+        mesh.export(tmp_path / f"{name}.ply")
+        file = MeshFile(tmp_path / f"{name}.ply", "mm" if name == "millimetres" else "m", shell=name == "open")
+        parts[name] = load_scene(problem_with(Part(file))).parts["part"]
+    closed = parts["closed"]
+    points = rng.uniform(closed.lower - 0.01, closed.upper + 0.01, (400, 3))
+    wanted = closed.signed_distance(points)
+    assert 20 < np.sum(wanted[0] < 0) < 380
+    for name in ("inverted", "degenerate", "millimetres"):
+        assert parts[name].closed
+        found = parts[name].signed_distance(points)
+        np.testing.assert_allclose(found[0], wanted[0], atol=1e-8)
+        np.testing.assert_allclose(found[2], wanted[2], atol=1e-6)
+    shell = parts["open"]
+    assert not shell.closed
+    assert np.all(shell.signed_distance(points)[0] >= 0)
+
+
+def _script(name: str):
+    """The module that a script is."""
+    path = Path(__file__).resolve().parent.parent / "scripts" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def test_formats_give_the_same_part(tmp_path, rng):
     points = rng.uniform(-0.05, 0.05, (50, 3))
     wanted = load_mesh(MESHES["annulus"], tmp_path).signed_distance(points)[0]
@@ -302,10 +334,7 @@ def test_scene_is_light_without_meshes():
 
 def test_random_pairs_of_cables_and_meshes(rng):
     """As many of the 10,000 pairs of ``scripts/clearance_oracle.py`` as a test has time for."""
-    script = Path(__file__).resolve().parent.parent / "scripts" / "clearance_oracle.py"
-    spec = importlib.util.spec_from_file_location("clearance_oracle", script)
-    oracle = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(oracle)
+    oracle = _script("clearance_oracle")
     for kind, row in oracle.compare(288, rng).items():
         assert row["pairs"] == 48
         assert row["wrong sides"] == row["not finite"] == 0, kind
