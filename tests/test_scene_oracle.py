@@ -340,4 +340,4 @@ def test_random_pairs_of_cables_and_meshes(rng):
         assert row["wrong sides"] == row["not finite"] == 0, kind
         assert row["distance"] < 1e-12, kind
         assert row["bound"] < 1e-12 and row["worst"] < 1e-12, kind
-        assert row["gradient"] < 1e-3, kind
+        assert row["gradient"] < 2e-3, kind  # differences of norm 1 +- 1e-6 may be turned by 1.4e-3
