@@ -66,7 +66,8 @@ class PairClearance:
         limit: m, or None.
         nearest: the smallest clearance of each frame, P witnesses in order; of a part far away in all of them, one
             close to it.
-        witnesses: the local minima along the cable that lie less than ``reach`` above the limit, by frame.
+        witnesses: the local minima along the cable that lie less than ``reach`` above the limit, by frame; several
+            at one place where it lies between walls, a normal for each.
         place: the one witness with the smallest clearance of all solved frames, those solved in between included;
             its frame is the nearest of the P.
         motion: where it stands, 0 to 1.
@@ -319,7 +320,7 @@ def _pair(given: Motion, task: Task, obstacle: str, found: Found) -> PairClearan
     minima = found.minima[
         np.abs(samples.arc_length[found.minima] - nearest.arc_length[samples.frame[found.minima]]) > spacing
     ]
-    witnesses = Witnesses.joined([nearest, samples.take(minima)])
+    witnesses = Witnesses.joined([nearest, samples.take(minima), samples.take(found.sides)])
     if obstacle == f"cable:{task.cable}":
         # pairs at the least arc apart are there because the cable is one piece, not because it meets itself
         gap = least_gap(task) * (1 + 1e-6)  # 1e-6: rounding, and far less than a station

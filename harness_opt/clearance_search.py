@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,7 @@ class Found:
         samples: in no order.
         minima: (k,), the numbers of those that are local minima along the cable.
         bound: no point of the centreline has a smaller clearance, m.
+        sides: the numbers of samples in the same places as minima, nearest to other points of the obstacle.
         lower: of a part, bounds below the clearances (P, M) at the places looked at first, m; None for cables.
     """
 
@@ -103,6 +104,7 @@ class Found:
     minima: Indices
     bound: float
     lower: Array | None = None
+    sides: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,6 +130,8 @@ def _part(tree: Tree, name: str, folder: Path) -> Iterator[Mistake]:
         yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
     if "mesh_unit" in part and "mesh" not in part:
         yield (*path, "mesh_unit"), "found a unit without a mesh, expected it beside mesh only"
+    if "shell" in part and "mesh" not in part:
+        yield (*path, "shell"), "found a shell without a mesh, expected it beside mesh only"
     mesh = value(part, "mesh")
     if mesh is not None:
         yield from _mesh(path, mesh, "mesh_unit" in part, folder)

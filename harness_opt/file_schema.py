@@ -225,7 +225,7 @@ class PartTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [{"required": [shape]} for shape in PART_SHAPES],
-            "dependentRequired": {"mesh_unit": ["mesh"]},
+            "dependentRequired": {"mesh_unit": ["mesh"], "shell": ["mesh"]},
             "if": {
                 "required": ["mesh"],
                 "properties": {"mesh": {"pattern": r"\.([sS][tT][lL]|[oO][bB][jJ]|[pP][lL][yY])$"}},
@@ -239,6 +239,10 @@ class PartTable(Table):
     mesh_unit: MeshUnit | None = Field(
         default=None,
         description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
+    )
+    shell: bool = Field(
+        default=False,
+        description="Whether a mesh that is not closed will do; a cable inside such a shell goes unnoticed.",
     )
     box: BoxTable | None = Field(default=None, description="A box instead of a mesh.")
     cylinder: CylinderTable | None = Field(default=None, description="A cylinder instead of a mesh.")

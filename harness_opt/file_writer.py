@@ -203,7 +203,8 @@ def _part(part: Part, folder: Path) -> Table:
 
 def _shape_rows(shape: Shape, folder: Path) -> Rows:
     if isinstance(shape, MeshFile):
-        return [("mesh", _relative(shape.path, folder), ""), ("mesh_unit", shape.unit, "")]
+        file = ("mesh", _relative(shape.path, folder), "")
+        return [file, ("mesh_unit", shape.unit, ""), ("shell", True if shape.shell else None, "")]
     if isinstance(shape, Box):
         return [("box", _inline([("size", _numbers(shape.size), "")]), "m")]
     if isinstance(shape, Sphere):

@@ -115,7 +115,7 @@ def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: flo
             if np.max(density * lengths) <= LOOSE or (elements == ELEMENTS[-1] and shift == WARM_SHIFT):
                 return Resting(chain, q, multipliers)
         mesh = _fitted(chain.points, density)
-        finer = Chain(chain.section, chain.load, chain.boundary, mesh)
+        finer = Chain(chain.section, chain.load, chain.boundary, mesh, exact=chain.exact)
         q = finer.held(chain.sample(q, finer.nodes)[0])
         shift = FIRST_SHIFT if found.ended is Ended.STRAINED else WARM_SHIFT
         if work <= 0:
@@ -140,7 +140,7 @@ def tighten(case: Case, resting: Resting) -> Resting | None:
         step = min(factor, slack / wanted)
         gap = case.boundary.gap if step == slack / wanted else (1.0 - slack / step) * direction
         boundary = dataclasses.replace(resting.chain.boundary, gap=gap)
-        chain = Chain(case.section, case.load, boundary, _shrunk(resting, step))
+        chain = Chain(case.section, case.load, boundary, _shrunk(resting, step), exact=True)
         found = _rest(chain, resting.q, resting.multipliers * step**2, WARM_SHIFT, SMALL_STEP)
         if found is None:
             factor = np.sqrt(factor)

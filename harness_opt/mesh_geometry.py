@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from . import rotations
 from .errors import ProblemError
+from .mesh_orientation import PAIRS, winding_numbers
 from .part_geometry import Distances, Geometry
 from .rotations import Array
 from .vectors import Indices, dots, lengths
@@ -32,12 +33,11 @@ GJK = 1e-9  # tolerance of coal's iteration between a segment and a triangle; it
 FEW_FACES = 5_000  # up to here a winding number is summed triangle by triangle
 FAR = 2.5  # radii of a cluster beyond which it is a dipole: wrong by 0.03 turns at most where measured
 WHOLE = 0.2  # turns: a sum of dipoles this near to a whole number is taken for it, else every triangle is summed
-PAIRS = 1_000_000  # point-triangle pairs at a time, so that temporaries stay below 100 MB
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh(Geometry):
-    """A triangle mesh.
+    """A triangle mesh. Where closed pieces of it overlap, a depth is that below the nearest surface of any of them.
 
     Args:
         vertices: (k, 3), m, in the body's coordinates.
@@ -150,24 +150,9 @@ class Mesh(Geometry):
         return bound
 
     def winding_number(self, points: ArrayLike) -> Array:
-        """Return the generalised winding numbers (n,) of ``points`` (n, 3): +-1 inside, 0 outside.
-
-        The sum of the triangles' solid angles over 4 pi: Van Oosterom and Strackee, "The solid angle of a
-        plane triangle", IEEE Trans. Biomed. Eng. 30 (1983).
-        """
+        """Return the generalised winding numbers (n,) of ``points`` (n, 3): +-1 inside, 0 outside."""
         points = np.atleast_2d(np.asarray(points, dtype=float))
-        step = max(1, PAIRS // max(1, len(points)))
-        parts = (slice(first, first + step) for first in range(0, len(self.faces), step))
-        return np.sum([self._turns(points, part) for part in parts], axis=0)
-
-    def _turns(self, points: Array, which: slice | Indices) -> Array:
-        """Return the part of the winding numbers (n,) that is due to the faces ``which``."""
-        faces = self.faces[which]
-        a, b, c = (self.vertices[faces[:, k]] - points[:, None] for k in range(3))
-        volume = np.einsum("nmi,mi->nm", a, self.areas[which])
-        la, lb, lc = lengths(a), lengths(b), lengths(c)
-        denominator = la * lb * lc + dots(a, b) * lc + dots(b, c) * la + dots(c, a) * lb
-        return np.arctan2(volume, denominator).sum(axis=1) / (2 * np.pi)
+        return winding_numbers(points, self.vertices[self.faces], self.areas)
 
     def _holds(self, point: Array) -> bool:
         """Whether ``point`` (3,), off the surface, is inside the closed mesh.
@@ -185,7 +170,8 @@ class Mesh(Geometry):
             turns = np.sum(dipoles) / (4 * np.pi)
             faces = [clusters.members[k] for k in np.flatnonzero(near)]
             if faces:
-                turns += self._turns(point[None], np.concatenate(faces))[0]
+                some = np.concatenate(faces)
+                turns += winding_numbers(point[None], self.vertices[self.faces[some]], self.areas[some])[0]
             if abs(turns - round(turns)) < WHOLE:
                 return round(turns) != 0
         return bool(abs(self.winding_number(point)[0]) > 0.5)

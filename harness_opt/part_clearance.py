@@ -25,6 +25,8 @@ from .part_geometry import Geometry
 from .rotations import Array
 from .vectors import Indices, dots, lengths
 
+PROBE = 0.25  # of the reach: how far to look away from a witness for others
+SAME = 0.1  # 1 - cosine between normals: below, two witnesses are one
 STRIDES = (16, 8, 4, 2, 1)  # stations are asked from coarse to fine, so that far stretches are passed over
 
 
@@ -39,7 +41,8 @@ def against_part(task: Task, geometry: Geometry, excluded: tuple[float, float]) 
     arcs = places(task.curve.s, excluded)
     samples, lower, minima = survey(task, task.curve, geometry, arcs, task.horizon)
     bound = _certify(samples, arcs, lower, task)
-    return Found(samples.all(), minima, bound, lower)
+    sides = _other_sides(samples, minima, task)
+    return Found(samples.all(), minima, bound, lower, sides)
 
 
 def places(s: Array, excluded: tuple[float, float]) -> Array:
@@ -92,6 +95,22 @@ class Samples:
         first, self.count = self.count, self.count + len(s)
         self.best = min(self.best, float(value.min(initial=math.inf)))
         return value, np.arange(first, self.count)
+
+    def beside(self, seen: Witnesses, probes: Array) -> tuple[Indices, Array]:
+        """Return samples outside, at the places of ``seen``, of what is nearest from ``probes`` beside them (k, 3), m.
+
+        Each as its place in :meth:`all` (k,) and its normal (k, 3); the distance is that of the place itself.
+        """
+        at = self.curve.at(seen.frame, seen.arc_length)
+        point = self._geometry.signed_distance(at + probes)[2]
+        offset = at - point
+        distance = lengths(offset)
+        normal = np.where(distance[:, None] > 0, offset / np.where(distance > 0, distance, 1.0)[:, None], seen.normal)
+        value = distance - self._radius
+        none = np.full(len(at), np.nan)
+        self._kept.append(Witnesses(seen.frame, seen.arc_length, value, normal, point, none))
+        first, self.count = self.count, self.count + len(at)
+        return np.arange(first, self.count), normal
 
     def chord_bound(self, frame: Indices, a: Array, b: Array, at_a: Array, at_b: Array) -> Array:
         """Return bounds (k,) below the clearances on arcs [a, b], from those at the ends and the chords."""
@@ -167,6 +186,19 @@ def _polish(samples: Samples, arcs: Array, lower: Array, index: Indices, horizon
         best, chosen = np.where(better, value, best), np.where(better, number, chosen)
     start[inside] = chosen
     return start
+
+
+def _other_sides(samples: Samples, minima: Indices, task: Task) -> Indices:
+    """Return the numbers of samples at the same places as ``minima`` whose nearest point is a different one.
+
+    Between two walls a point of each is as near, with a normal of its own; who moves away from one alone runs into
+    the other. A step away from the nearest one shows it: what was further by less than twice the step is nearest
+    there. Inside a part there is no need: one way out is enough.
+    """
+    seen = samples.all().take(minima)
+    seen = seen.take((seen.clearance < task.horizon) & (seen.clearance + task.radius > 0))
+    number, normal = samples.beside(seen, PROBE * task.reach * seen.normal)
+    return number[dots(normal, seen.normal) < 1.0 - SAME]
 
 
 def _certify(samples: Samples, arcs: Array, lower: Array, task: Task) -> float:

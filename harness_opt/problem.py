@@ -169,10 +169,12 @@ class MeshFile:
     Args:
         path: absolute path of the file.
         unit: of its coordinates: "m", "cm", "mm", "in"; None where the format carries its own (GLB: metres).
+        shell: whether a surface that is not closed will do: it has no inside, so a cable there goes unnoticed.
     """
 
     path: Path
     unit: str | None = None
+    shell: bool = False
 
 
 @dataclass(frozen=True)

@@ -295,7 +295,7 @@ def _shape(part: file_schema.PartTable, folder: Path) -> Shape:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(located(folder, str(part.mesh)), part.mesh_unit)
+    return MeshFile(located(folder, str(part.mesh)), part.mesh_unit, part.shell)
 
 
 def _limits(limits: file_schema.LimitsTable) -> Limits:

@@ -1,13 +1,15 @@
 """Makes the meshes of the shipped problems: run it again after changing a shape here.
 
     python scripts/make_meshes.py
+    python scripts/make_meshes.py FOLDER          # one bracket in five states, for tests of what reads meshes
 
-Needs the extra ``dev`` (manifold3d does the cutting). Coordinates are those of the body each part belongs to, in
+Needs the extra ``meshes`` (manifold3d does the cutting). Coordinates are those of the body each part belongs to, in
 millimetres, and every mesh is closed.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -96,8 +98,31 @@ def camera_pan() -> dict[str, Trimesh]:
     }
 
 
+def variants() -> dict[str, Trimesh]:
+    """Return one bracket closed, open, inside out and degenerate, in m, and in mm: always the same solid."""
+    closed = lift_arm()["bracket"]
+    millimetres = closed.copy()
+    closed.apply_scale(1e-3)
+    gap = Trimesh(closed.vertices, closed.faces[3:], process=False)
+    inverted = closed.copy()
+    inverted.invert()
+    # points twice in one face, and a face folded flat, there and back
+    a, b = (int(corner) for corner in closed.faces[0][:2])
+    middle = len(closed.vertices)
+    flat = [[a, a, b], [b, b, b], [a, middle, b], [b, middle, a]]
+    corners = np.vstack([closed.vertices, closed.vertices[[a, b]].mean(axis=0)])
+    degenerate = Trimesh(corners, np.vstack([closed.faces, flat]), process=False)
+    return {"closed": closed, "open": gap, "inverted": inverted, "degenerate": degenerate, "millimetres": millimetres}
+
+
 def main() -> None:
-    """Write all meshes."""
+    """Write all meshes, or the variants of one."""
+    if len(sys.argv) > 1:
+        folder = Path(sys.argv[1])
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, mesh in variants().items():
+            mesh.export(folder / f"{name}.ply")
+        return
     for name, make in (
         ("lift_arm", lift_arm),
         ("door", door),

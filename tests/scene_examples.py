@@ -30,6 +30,9 @@ def _meshes():
     muddled = shell.copy()
     wrong = [1, 4, 12, 13]  # the first face of the cavity among them
     muddled.faces[wrong] = muddled.faces[wrong][:, ::-1]
+    # a right box and one inside out through its end: where they overlap their windings would cancel
+    crossed = trimesh.util.concatenate([box, box.copy().apply_translation((40, 0, 0))])
+    crossed.faces[12:] = crossed.faces[12:, ::-1]
     # they share an edge, which four faces use
     twins = trimesh.util.concatenate([box, box.copy().apply_translation((60, 40, 0))])
     return {
@@ -42,6 +45,7 @@ def _meshes():
         "cavity": shell,
         "partly inverted cavity": muddled,
         "twins": twins,
+        "crossed": crossed,
         "open": open_box,
     }
 
@@ -67,4 +71,4 @@ def load_mesh(mesh, folder: Path, suffix: str = "stl", **pose):
     path = folder / f"mesh.{suffix}"
     mesh.export(path)
     unit = None if suffix == "glb" else "mm"
-    return load_scene(problem_with(Part(MeshFile(path, unit), **pose))).parts["part"]
+    return load_scene(problem_with(Part(MeshFile(path, unit, shell=True), **pose))).parts["part"]

@@ -434,3 +434,37 @@ def test_budget_between_frames_is_admitted(rng):
     assert not poor.certified
     assert "longer than allowed" in poor.reason
     assert poor.lower_bound <= rich.lower_bound
+
+
+def test_absurd_answers_about_boxes_are_not_believed(tmp_path, rng, monkeypatch):
+    """NaN, the largest numbers and distances beyond that of the middle: the bound has to hold without them."""
+    geometry = load_mesh(MESHES["annulus"], tmp_path)
+    corners = rng.uniform(-0.06, 0.06, (60, 1, 3)) + rng.normal(size=(60, 4, 3)) * 0.002
+    middle = corners.mean(axis=1)
+    at_middle = geometry.signed_distance(middle)[0]
+
+    def lying(self, corners, middle):
+        return np.resize([np.nan, -1.8e308, 1.8e308, 1.0, -1.0], len(corners))
+
+    monkeypatch.setattr(type(geometry.query), "boxes", lying)
+    bound = geometry.hull_bound(corners, middle, at_middle)
+    points = np.einsum("kwc,kci->kwi", rng.dirichlet(np.ones(4), (60, 40)), corners)
+    least = geometry.signed_distance(points.reshape(-1, 3))[0].reshape(60, -1).min(axis=1)
+    assert np.all(bound <= least)
+
+
+def test_there_and_back_turns_round_in_a_frame(coarse):
+    """At the turning point nothing is smooth: a frame stands there, whatever the steps."""
+    part = Part(
+        Sphere(0.01), position=tuple(coarse[1].cables["lead"].position[-1, 50] + [0, 0.02, 0.0]), clearance=0.004
+    )
+    problem = lift({"ball": part}, out_and_back=True)
+    motion = ho.simulate(problem, frames=np.linspace(0, 1, 8))  # 0.5 is none of them
+    pair = ho.clearances(motion).pairs[0]
+    there = measure(lift({"ball": part}), load_scene(problem), coarse[1].motion, coarse[1].cables).pairs[0]
+    assert pair.certified, pair.reason
+    assert pair.lower_bound <= there.worst
+    assert pair.worst <= there.worst + pair.tolerance
+    assert pair.motion == pytest.approx(0.5 * there.motion, abs=0.01) or pair.motion == pytest.approx(
+        1 - 0.5 * there.motion, abs=0.01
+    )

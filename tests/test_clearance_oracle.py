@@ -112,9 +112,30 @@ def test_cable_along_a_surface_is_certain(tmp_path):
     assert pair.worst == pytest.approx(0.009 - DIAMETER / 2, abs=1e-7)
 
 
+def test_between_two_walls_there_is_a_witness_for_each(tmp_path):
+    """Where two points of a part are as near, each has a normal to move away by; inside, one way out is enough."""
+    walls = [trimesh.creation.box((200, 2, 40)).apply_translation((0, y, 0)) for y in (-5, 5)]
+    trimesh.util.concatenate(walls).export(tmp_path / "slot.stl")
+    trimesh.creation.box((400, 8, 80)).export(tmp_path / "plate.stl")
+    # a hair off the middle, as cables are
+    cables = {"lead": shapes([line([-0.15, 1e-6, 0], [1, 0, 0])], LENGTH)}
+    found = {}
+    for name in ("slot", "plate"):
+        problem = problem_with(Part(MeshFile(tmp_path / f"{name}.stl", "mm"), clearance=0.002))
+        found[name] = measure(problem, load_scene(problem), [0.0], cables).pairs[0].witnesses
+    slot = found["slot"]
+    for side in (1, -1):
+        alike = slot.normal[:, 1] * side > 0.999
+        assert np.any(alike)
+        np.testing.assert_allclose(slot.clearance[alike], 0.004 - DIAMETER / 2, atol=2e-6)
+    along = slot.point + (slot.clearance + DIAMETER / 2)[:, None] * slot.normal
+    np.testing.assert_allclose(along[:, 1:], np.tile([1e-6, 0], (len(along), 1)), atol=1e-9)
+    assert np.all(found["plate"].normal[:, 1] > 0.999)
+
+
 def test_open_part_is_told(tmp_path):
     MESHES["open"].export(tmp_path / "open.stl")
-    problem = problem_with(Part(MeshFile(tmp_path / "open.stl", "mm")))
+    problem = problem_with(Part(MeshFile(tmp_path / "open.stl", "mm", shell=True)))
     cables = {"lead": shapes([helix(0.03, 0.1)], LENGTH)}
     assert not measure(problem, load_scene(problem), [0.0], cables).pairs[0].closed
 

@@ -61,6 +61,9 @@ def test_check_reads_the_meshes(here, capsys):
     assert "box from (75, -10, -15) to (85, 10, 15) mm" in out
     box.update_faces(np.arange(12) > 1)
     box.export("box.stl")
+    assert main(["check", file]) == 2
+    assert "expected a closed one, or shell = true" in capsys.readouterr().err
+    put(FLAP.replace("sphere = { radius = 0.02 }", 'mesh = "box.stl"\nmesh_unit = "mm"\nshell = true'))
     assert main(["check", file]) == 0
     assert "10 triangles, open, so a shell" in " ".join(capsys.readouterr().out.split())
     Path("box.stl").write_text("no mesh")

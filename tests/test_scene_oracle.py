@@ -51,6 +51,8 @@ def _inside(name: str, local):
         return (along > 15) & (along < 40) & (z < 12.5)
     if name.endswith("cavity"):
         return (np.maximum(np.maximum(x, y), z) < 30) & (np.maximum(np.maximum(x, y), z) > 20)
+    if name == "crossed":
+        return (y < 20) & (z < 10) & (local[:, 0] > -30) & (local[:, 0] < 70)
     if name == "twins":
         moved = np.abs(local - [60, 40, 0])
         return ((x < 30) & (y < 20) & (z < 10)) | np.all(moved < [30, 20, 10], axis=1)
@@ -90,6 +92,8 @@ def test_mesh_against_every_triangle(name, tmp_path, rng):
         else:
             assert np.all(distance >= 0)
     # the gradient on the surface points outward: a step along it leaves the part
+    if name == "crossed":  # some of its surface lies inside it
+        return
     on, normal, _ = geometry.signed_distance(points[:100])
     on = geometry.signed_distance(points[:100] + 1e-5 * normal)[0]
     assert np.all(on > 0)
@@ -128,6 +132,38 @@ def test_large_mesh_in_clusters(tmp_path, rng):
     clear = np.abs(distance) > 2e-4
     assert np.array_equal((distance < 0)[clear], ((tube > 0.008) & (tube < 0.015))[clear])
     assert np.array_equal(distance < 0, np.abs(geometry.winding_number(points)) > 0.5)
+
+
+def test_five_states_of_one_mesh(tmp_path, rng):
+    """Closed, inside out, with flat faces, in millimetres: the same solid. Open: a shell, and only on request."""
+    pytest.importorskip("manifold3d")
+    script = _script("make_meshes")
+    parts = {}
+    for name, mesh in script.variants().items():
+        mesh.export(tmp_path / f"{name}.ply")
+        file = MeshFile(tmp_path / f"{name}.ply", "mm" if name == "millimetres" else "m", shell=name == "open")
+        parts[name] = load_scene(problem_with(Part(file))).parts["part"]
+    closed = parts["closed"]
+    points = rng.uniform(closed.lower - 0.01, closed.upper + 0.01, (400, 3))
+    wanted = closed.signed_distance(points)
+    assert 20 < np.sum(wanted[0] < 0) < 380
+    for name in ("inverted", "degenerate", "millimetres"):
+        assert parts[name].closed
+        found = parts[name].signed_distance(points)
+        np.testing.assert_allclose(found[0], wanted[0], atol=1e-8)
+        np.testing.assert_allclose(found[2], wanted[2], atol=1e-6)
+    shell = parts["open"]
+    assert not shell.closed
+    assert np.all(shell.signed_distance(points)[0] >= 0)
+
+
+def _script(name: str):
+    """The module that a script is."""
+    path = Path(__file__).resolve().parent.parent / "scripts" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_formats_give_the_same_part(tmp_path, rng):
@@ -268,10 +304,22 @@ def test_too_many_triangles_are_refused(tmp_path, monkeypatch):
         load_mesh(MESHES["box"], tmp_path)
 
 
+def test_too_many_triangles_are_refused_before_they_are_read(tmp_path):
+    """A binary STL file says how many it has: ten million and one need not be held first."""
+    path, count = tmp_path / "huge.stl", 10_000_001
+    with path.open("wb") as file:
+        file.write(bytes(80) + count.to_bytes(4, "little"))
+        file.truncate(84 + 50 * count)  # nothing is written: the disk keeps a hole
+    with pytest.raises(ProblemError, match=r"found 10,000,001 triangles, expected at most 10,000,000"):
+        load_scene(problem_with(Part(MeshFile(path, "mm"))))
+
+
 def test_open_mesh_is_told(tmp_path):
     MESHES["open"].export(tmp_path / "open.stl")
-    problem = problem_with(Part(MeshFile(tmp_path / "open.stl", "mm")))
+    problem = problem_with(Part(MeshFile(tmp_path / "open.stl", "mm", shell=True)))
     assert "parts.part.mesh" in load_scene(problem).warnings[0]
+    with pytest.raises(ProblemError, match=r"parts\.part\.mesh: found a surface that is not closed .* shell = true"):
+        load_scene(problem_with(Part(MeshFile(tmp_path / "open.stl", "mm"))))
 
 
 def test_scene_is_light_without_meshes():
@@ -286,13 +334,10 @@ def test_scene_is_light_without_meshes():
 
 def test_random_pairs_of_cables_and_meshes(rng):
     """As many of the 10,000 pairs of ``scripts/clearance_oracle.py`` as a test has time for."""
-    script = Path(__file__).resolve().parent.parent / "scripts" / "clearance_oracle.py"
-    spec = importlib.util.spec_from_file_location("clearance_oracle", script)
-    oracle = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(oracle)
+    oracle = _script("clearance_oracle")
     for kind, row in oracle.compare(288, rng).items():
         assert row["pairs"] == 48
         assert row["wrong sides"] == row["not finite"] == 0, kind
         assert row["distance"] < 1e-12, kind
         assert row["bound"] < 1e-12 and row["worst"] < 1e-12, kind
-        assert row["gradient"] < 1e-3, kind
+        assert row["gradient"] < 2e-3, kind  # differences of norm 1 +- 1e-6 may be turned by 1.4e-3

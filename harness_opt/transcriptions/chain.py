@@ -10,12 +10,13 @@ trigonometry. Energy: int (omega - rest) . K (omega - rest) / 2 less the work of
 length is exact, and where both ends have positions, int d3 = gap is the one constraint; its multiplier is the force
 at the end. A minimum is a stable equilibrium of the rod, to the order of the elements.
 
-Energy, chord and gradient are those of the elements; second derivatives are the rod's own, with the small rotations
-phi of the sections interpolated between those of the nodes, as in :mod:`harness_opt.stability`:
+Energy, chord and first derivatives are those of the elements; second derivatives are the rod's own, with the small
+rotations phi of the sections interpolated between those of the nodes, as in :mod:`harness_opt.stability`:
 
     int e . K e + M . (e x phi) - F . (phi x (phi x d3)) ds,   e = phi' + omega x phi,   M = K (omega - rest).
 
-They differ by the elements' own error, and are had at a tenth of the price.
+They differ by the elements' own error, and are had at a tenth of the price. Of a taut cable, whose tension multiplies
+that error, the elements' own are taken.
 """
 
 from __future__ import annotations
@@ -57,12 +58,13 @@ def _product(p: ca.SX, q: ca.SX) -> ca.SX:
 
 
 @functools.cache
-def _element() -> tuple[ca.Function, ca.Function]:
+def _element(exact: bool) -> tuple[ca.Function, ca.Function]:
     """Return two functions of one element.
 
     Arguments: nodes' quaternions (4 (DEGREE + 1),), length, start, stiffness, rest curvature, force at the end of the
     cable, load. Results of the first: energy and chord; of the second: the gradient of the energy by small rotations
-    of the nodes about their own axes, the chord, and quaternions and Darboux vectors at the Gauss points.
+    of the nodes about their own axes, the chord, its derivative by rows, and quaternions and Darboux vectors at the
+    Gauss points; where ``exact``, the Hessian in place of the quaternions.
     """
     tableau = gauss(DEGREE)
     values, slopes = _lagrange(tableau.nodes)
@@ -89,10 +91,18 @@ def _element() -> tuple[ca.Function, ca.Function]:
         frames.append(here)
         omegas.append(omega)
     turns = ca.vec(turn)
-    gradient = ca.gradient(energy, turns)
+    hessian, gradient = ca.hessian(energy, turns)
+    second = ca.vec(hessian) if exact else ca.vertcat(*frames)
     results = [
         ca.substitute(x, turns, ca.DM.zeros(UNKNOWNS))
-        for x in (energy, chord, gradient, ca.vertcat(*frames), ca.vertcat(*omegas))
+        for x in (
+            energy,
+            chord,
+            gradient,
+            ca.vec(ca.jacobian(chord, turns).T),
+            second,
+            ca.vertcat(*omegas),
+        )
     ]
     arguments = [ca.vec(q), h, s, stiffness, rest, force, load]
     return (
@@ -102,8 +112,8 @@ def _element() -> tuple[ca.Function, ca.Function]:
 
 
 @functools.lru_cache(maxsize=32)
-def _mapped(elements: int) -> tuple[ca.Function, ca.Function]:
-    energy, expansion = _element()
+def _mapped(elements: int, exact: bool) -> tuple[ca.Function, ca.Function]:
+    energy, expansion = _element(exact)
     return energy.map(elements), expansion.map(elements)
 
 
@@ -166,14 +176,16 @@ class Chain:
     Args:
         section, load, boundary: the cable and its ends, dimensionless.
         mesh: the elements' ends from 0 to 1, (n + 1,).
+        exact: whether second derivatives are the elements' own too.
     """
 
-    def __init__(self, section: Section, load: Array, boundary: Boundary, mesh: Array):
+    def __init__(self, section: Section, load: Array, boundary: Boundary, mesh: Array, *, exact: bool = False):
+        self.exact = exact
         self.section, self.load, self.boundary, self.mesh = section, load, boundary, mesh
         kind, steps, count = boundary.kind, np.diff(mesh), len(mesh) - 1
         self.closed = kind.start_position and kind.end_position
         self._pattern = _pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
-        self._energy, self._expansion = _mapped(count)
+        self._energy, self._expansion = _mapped(count, exact)
         self._rest = section.rest_curvature
         self._parameters = (steps[None], mesh[None, :-1], section.stiffness, section.rest_curvature)
         self.nodes = np.append((mesh[:-1, None] + steps[:, None] * NODES[:-1]).ravel(), 1.0)
@@ -227,22 +239,25 @@ class Chain:
         """Return the energy less the multipliers' work to second order about ``q`` (m, 4)."""
         p, count = self._pattern, len(self.mesh) - 1
         force = self.force(multipliers)
-        chords, gradients, frames, omegas = (np.asarray(x) for x in self._expansion(*self._arguments(q, force)))
+        chords, gradients, slopes, second, omegas = (np.asarray(x) for x in self._expansion(*self._arguments(q, force)))
         gradient = np.zeros((len(q), 3))
         np.add.at(gradient, p.nodes, gradients.T.reshape(count, DEGREE + 1, 3))
         shape = (count, DEGREE)
-        blocks, slopes = self._second(frames.T.reshape(*shape, 4), omegas.T.reshape(*shape, 3), force)
+        if self.exact:
+            blocks = second.T.reshape(count, UNKNOWNS, UNKNOWNS)
+        else:
+            blocks = self._second(second.T.reshape(*shape, 4), omegas.T.reshape(*shape, 3), force)
         entries = [blocks[p.blocks]]
         if p.chords is not None:
-            border = slopes[p.chords]
+            border = slopes.T.reshape(count, 3, UNKNOWNS)[p.chords]
             entries += [border, border, np.zeros(3)]
         return Expansion(
             gradient[p.free].ravel(), self._closure(chords), np.concatenate(entries), len(entries[0]), p.places,
             p.sparsity, self._weights,
         )  # fmt: skip
 
-    def _second(self, q: Array, omega: Array, force: Array) -> tuple[Array, Array]:
-        """Return the elements' Hessians (n, UNKNOWNS, UNKNOWNS) and derivatives of their chords (n, 3, UNKNOWNS).
+    def _second(self, q: Array, omega: Array, force: Array) -> Array:
+        """Return the elements' Hessians (n, UNKNOWNS, UNKNOWNS).
 
         Args:
             q, omega: at the Gauss points, (n, DEGREE, 4 or 3).
@@ -275,9 +290,7 @@ class Chain:
         rigid = np.einsum("g,ga,gb,ij->aibj", weights, slopes, slopes, np.diag(stiffness)).reshape(UNKNOWNS, UNKNOWNS)
         hessian = rigid / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
         hessian += steps[:, None, None] * integrated(plain, products(values, values))
-        lever = rotations.matrix(q) @ -rotations.cross_matrix(d3)  # R (phi x d3)
-        chords = np.einsum("e,ga,egci->ecai", steps, weights[:, None] * values, lever)
-        return hessian, chords.reshape(count, 3, UNKNOWNS)
+        return np.asarray(hessian)
 
     def move(self, q: Array, step: Array) -> Array:
         """Return ``q`` (m, 4) with its free nodes turned about their own axes by ``step`` (n,), rad."""
