@@ -25,8 +25,8 @@ TIGHTEN = 2.0  # factor by which a march makes a cable tauter
 LEAST_TIGHTEN = 1.1
 FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
 RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-SOLVE_ITERATIONS = 25  # the chain is right to a per mille: what needs more does not converge
-REFINEMENTS = (1, 2, 4)  # collocation elements tried for one of the chain
+SOLVE_ITERATIONS = 15  # the chain is right to a per mille: what needs more does not converge
+REFINEMENTS = (1, 2)  # collocation elements tried for one of the chain
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class Shape:
         s: arc lengths of the stations, m, (N,).
         position, quaternion, curvature, force, moment: there, (N, 3) or (N, 4); see ``motion.npz``.
         status: how the solve ended.
-        stable: whether no small motion that the ends allow lowers the energy.
+        stable: whether no small motion that the ends allow lowers the energy; of a shape that is not ``ok``, False.
         stability_margin: lowest eigenvalue of the second variation, dimensionless; 0 is neutral.
         energy: elastic energy less the work of gravity from the level of the start, J.
         residual: largest scaled residual of the discretised equations.
@@ -271,7 +271,7 @@ def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, station
         at.force,
         at.moment,
         ended.status,
-        bool(answer.stable),
+        ended.status.ok and bool(answer.stable),
         float(answer.margin),
         float(rod.energy()) * units.moment,
         ended.residual,

@@ -23,7 +23,7 @@ from .interface import Array, Landscape
 
 FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
-AT_REST_SHIFT = 1e-5  # a medium that resists less than this, of the multipliers' size, hides no way down
+AT_REST_SHIFT = 3e-7  # a medium that resists less than this, of the multipliers' size, hides no way down
 AT_REST_STEP, AT_REST_ENERGY = 1e-2, 1e-10  # rad; relative: what is left to gain in a last step
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
 IDLE = 5  # steps in a row that small, with any shift, show that rounding hides the rest
