@@ -79,7 +79,7 @@ def many(motion: Motion, frames: int) -> Motion:
         name: dataclasses.replace(cable, **{k: v[at] for k, v in vars(cable).items() if k != "s"})
         for name, cable in motion.cables.items()
     }
-    return dataclasses.replace(motion, motion=motion.motion[at], cables=cables)
+    return dataclasses.replace(motion, motion=np.linspace(0.0, 1.0, frames), cables=cables)
 
 
 # --- one file ------------------------------------------------------------------------------------------
@@ -300,7 +300,8 @@ def test_the_verdict_names_what_is_tightest(motion):
 
 def test_all_shipped_problems_are_tried():
     files = {str(file.relative_to(PROBLEMS)) for file in PROBLEMS.rglob("*.toml")}
-    assert files == {f"{name if '/' in name else f'{name}/{name}'}.toml" for name, _ in SHIPPED}
+    tried = {f"{name if '/' in name else f'{name}/{name}'}.toml" for name, _ in SHIPPED}
+    assert files == tried | {"robot_wrist/robot_wrist.toml"}  # whose meshes an extra brings: see test_robot_wrist
 
 
 @pytest.mark.parametrize(("name", "frames"), SHIPPED, ids=[name for name, _ in SHIPPED])

@@ -64,3 +64,5 @@ def test_two_cables_over_the_wrist_of_a_robot(script, put, capsys):
         "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "tool", "cable:power", "cable:air",
     }  # fmt: skip
     assert all(pair.closed for pair in found.pairs)
+    page = ho.write_report(motion, put.parent / "report")
+    assert page.stat().st_size < 10e6

@@ -58,7 +58,8 @@ def test_out_and_back_shows_hysteresis():
         before, after = (energy(problem, lead.position[k], lead.curvature[k]) for k in (snap.frame - 1, snap.frame))
         earlier = energy(problem, lead.position[snap.frame - 2], lead.curvature[snap.frame - 2])
         assert after - before < before - earlier
-    np.testing.assert_allclose(lead.position[0, [0, -1]], lead.position[-1, [0, -1]], atol=1e-12)
+    # on a path the equations, and with them the ends, hold to 1e-10
+    np.testing.assert_allclose(lead.position[0, [0, -1]], lead.position[-1, [0, -1]], atol=1e-10)
 
 
 def test_out_and_back_without_a_snap_comes_back_to_the_same_shapes():

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import Status
 from .interface import STILL, Array, LeastSquares, Options, Solution, largest
-from .linear import factorise
+from .linear import CONDITION_LIMIT, TAUT_LIMIT, Factor, factorise
 
 SUFFICIENT = 1e-4  # Armijo's constant
 SMALLEST_STEP = 1e-4  # a shorter fraction of the step makes no progress worth the work
@@ -20,6 +20,7 @@ CONTRACTION = 0.2  # while |R| and steps fall by this factor, the Jacobian is ke
 NEAR_MINIMUM = (
     1e-5  # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
 )
+NATURAL = 1.0 / 16.0  # shortest fraction of a step that is judged by the next one
 SMALL = 10.0  # largest entry of the next step, in tolerances, that leaves nothing to gain
 POLISH = 2  # most steps once the residual is small: where the problem is badly conditioned, that is not enough
 
@@ -27,7 +28,7 @@ POLISH = 2  # most steps once the residual is small: where the problem is badly 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
     factor, size, ahead, polished = options.factor, np.inf, np.inf, 0
-    stale = factor is None
+    stale, limit = factor is None, CONDITION_LIMIT
     status = Status.ITERATION_LIMIT
     residual = problem.residual(x)
     best = largest(residual)
@@ -48,19 +49,22 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
             if not np.all(np.isfinite(jacobian.data)):
                 status = Status.NOT_FINITE
                 break
-            factor = factorise(jacobian)
+            factor = factorise(jacobian, limit)
         step = -factor.solve(residual)
         reach = largest(step)
         if options.stationary and reach <= STILL:
             status = Status.OK
             break
-        length, there, trial = _search(problem, x, step, residual, SMALLEST_STEP if fresh else 1.0)
+        length, there, trial = _search(problem, x, step, residual, factor if fresh else None)
         if length == 0.0:
             if status.ok:
                 break
             if fresh and options.stationary and reach <= NEAR_MINIMUM:
                 status = Status.OK
                 break
+            if fresh and factor.singular and limit < TAUT_LIMIT and not options.stationary:
+                stale, limit = True, TAUT_LIMIT
+                continue
             if fresh:
                 return Solution(x, Status.STALLED, best, iteration, factor)
             stale = True  # the old Jacobian gave no descent: take the step again with a new one
@@ -76,17 +80,22 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
 
 
 def _search(
-    problem: LeastSquares, x: Array, step: Array, residual: Array, smallest: float
+    problem: LeastSquares, x: Array, step: Array, residual: Array, factor: Factor | None
 ) -> tuple[float, Array, Array]:
-    """Return the accepted fraction of ``step``, at least ``smallest``, where it leads, and the residual there.
+    """Return the accepted fraction of ``step``, where it leads, and the residual there; the fraction is 0 for none.
 
-    The fraction is 0 where none descends.
+    A step is taken where the residual falls, or where the next step with the same Jacobian is shorter (the natural
+    level function, Deuflhard, section 3.3): along a valley that is flat to rounding in one direction and steep in all
+    others, the first alone allows only short ones. ``factor`` is None for an old Jacobian: all of the step or nothing.
     """
-    cost, length = residual @ residual, 1.0
-    while length >= smallest:
+    cost, length, reach = residual @ residual, 1.0, largest(step)
+    while length >= (1.0 if factor is None else SMALLEST_STEP):
         there = x + length * step
         trial = problem.residual(there)
         if trial @ trial <= (1.0 - 2.0 * SUFFICIENT * length) * cost:  # false where an entry is not a number
             return length, there, trial
+        if factor is not None and not factor.singular and length >= NATURAL and np.all(np.isfinite(trial)):
+            if largest(factor.solve(trial)) <= (1.0 - 0.5 * length) * reach:
+                return length, there, trial
         length *= 0.5
     return 0.0, x, residual

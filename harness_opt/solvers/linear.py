@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 # A condition number above the first marks a rank deficiency (a straight cable, a cable that may turn freely about
-# coaxial clamps), if it stays above the second with rows and columns scaled to the same size: heavy, stiff and taut
-# cables only look singular. A slack of 1e-6 L has 1e12.
-CONDITION_LIMIT, SCALED_LIMIT = 1e9, 1e13
+# coaxial clamps), if it stays above it with rows and columns scaled to the same size: heavy and stiff cables only
+# look singular. So do taut ones, up to the second, for a slack of 1e-6 L: what stalls as singular is tried as regular.
+CONDITION_LIMIT, TAUT_LIMIT = 1e9, 1e13
 # Below this one a factor serves for problems nearby too. Of a shape that may turn freely the Jacobian is singular at
 # the solution alone: off it, and that is where it is mostly factorised, the condition number is anything from 5e4 up.
 BENIGN = 1e6
@@ -74,8 +74,8 @@ class Factor:
         )[0]
 
 
-def factorise(jacobian: sp.csc_array) -> Factor:
-    """Factorise ``jacobian`` (m, n), CSC.
+def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
+    """Factorise ``jacobian`` (m, n), CSC; it counts as singular from a condition number of ``limit`` on.
 
     Sparse LU where square and regular. Where one direction is lost, the matrix bordered by its null vectors is
     regular, and solving with it gives the least-squares solution of minimum norm (Govaerts, "Numerical Methods for
@@ -88,14 +88,14 @@ def factorise(jacobian: sp.csc_array) -> Factor:
         return _least_norm(jacobian)
     condition, right = _condition(jacobian, lu, "T", "N")
     scaled = condition if condition < BENIGN else min(condition, _scaled_condition(jacobian))
-    if condition < CONDITION_LIMIT or scaled < SCALED_LIMIT:
+    if condition < CONDITION_LIMIT or scaled < limit:
         return Factor(jacobian, lu, condition=scaled)
     if np.isfinite(condition):
         left = _condition(jacobian, lu, "N", "T")[1]
         size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
         border = sp.block_array([[jacobian, size * left[:, None]], [size * right[None, :], None]], format="csc")
         bordered = _lu(border)
-        if bordered is not None and (scaled := _scaled_condition(border)) < SCALED_LIMIT:
+        if bordered is not None and (scaled := _scaled_condition(border)) < limit:
             return Factor(jacobian, bordered, bordered=True, condition=scaled)
     return _least_norm(jacobian)
 
