@@ -57,17 +57,14 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
             break
         length, there, trial = _search(problem, x, step, residual, factor if fresh else None)
         if length == 0.0:
-            if status.ok:
-                break
-            if fresh and options.stationary and reach <= NEAR_MINIMUM:
+            if status.ok or (fresh and options.stationary and reach <= NEAR_MINIMUM):
                 status = Status.OK
                 break
-            if fresh and factor.singular and limit < TAUT_LIMIT and not options.stationary:
-                stale, limit = True, TAUT_LIMIT
-                continue
-            if fresh:
+            taut = factor.singular and limit < TAUT_LIMIT and not options.stationary
+            if fresh and not taut:
                 return Solution(x, Status.STALLED, best, iteration, factor)
-            stale = True  # the old Jacobian gave no descent: take the step again with a new one
+            # an old Jacobian gave no descent: take the step again with a new one; or one of a cable that looks singular
+            stale, limit = True, TAUT_LIMIT if fresh else limit
             continue
         # steps shrink as residuals do; a badly conditioned problem shows in one of the two alone what is left of it
         left = largest(trial)
@@ -94,8 +91,12 @@ def _search(
         trial = problem.residual(there)
         if trial @ trial <= (1.0 - 2.0 * SUFFICIENT * length) * cost:  # false where an entry is not a number
             return length, there, trial
-        if factor is not None and not factor.singular and length >= NATURAL and np.all(np.isfinite(trial)):
-            if largest(factor.solve(trial)) <= (1.0 - 0.5 * length) * reach:
-                return length, there, trial
+        if factor is not None and length >= NATURAL and _shorter(factor, trial, (1.0 - 0.5 * length) * reach):
+            return length, there, trial
         length *= 0.5
     return 0.0, x, residual
+
+
+def _shorter(factor: Factor, residual: Array, reach: float) -> bool:
+    """Return whether the step that ``factor`` makes of ``residual`` is known, and no longer than ``reach``."""
+    return not factor.singular and bool(np.all(np.isfinite(residual))) and largest(factor.solve(residual)) <= reach

@@ -27,7 +27,7 @@ CONDITION_LIMIT, TAUT_LIMIT = 1e9, 1e13
 BENIGN = 1e6
 RANK_TOLERANCE = 1e-11  # singular values below this fraction of the largest count as zero
 MOST_DENSE = 1500  # unknowns up to which singular values are looked at: a second's work
-DAMPING = 1e-18  # of larger problems, of rows and columns scaled to 1: steps of all but the least norm
+ROUNDS = 2000  # of the iteration that solves larger problems
 
 
 @dataclass(frozen=True)
@@ -36,23 +36,21 @@ class Factor:
 
     Args:
         jacobian: (m, n).
-        lu: SuperLU object of the Jacobian, of the Jacobian bordered by its null vectors, or of the damped system of
-            its scaled rows and columns; None for a dense solve.
-        bordered: whether it is the second.
+        lu: SuperLU object of the Jacobian, or of the Jacobian bordered by its null vectors; None for a dense solve, or
+            in a large problem an iterative one.
+        bordered: which of the two.
         condition: estimate of the condition number of the matrix that ``lu`` factorises.
-        scales: of the rows (m,) and the columns (n,), where it is the third.
     """
 
     jacobian: sp.csc_array
     lu: Any
     bordered: bool = False
     condition: float = np.inf
-    scales: tuple[Array, Array] | None = None
 
     @property
     def singular(self) -> bool:
         """True where the Jacobian is rank deficient to rounding, or not square."""
-        return self.lu is None or self.bordered or self.scales is not None
+        return self.lu is None or self.bordered
 
     @property
     def benign(self) -> bool:
@@ -63,12 +61,10 @@ class Factor:
         """Return y that solves J y = b (m,) or (m, k): exactly, or in least squares with minimum norm."""
         if self.bordered:
             return self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
-        if self.scales is not None:
-            rows, columns = (scale.reshape(-1, *(1,) * (b.ndim - 1)) for scale in self.scales)
-            padded = np.concatenate([rows * b, np.zeros((len(columns), *b.shape[1:]))])
-            return columns * self.lu.solve(padded)[len(rows) :]
         if self.lu is not None:
             return self.lu.solve(np.ascontiguousarray(b))
+        if self.jacobian.shape[1] > MOST_DENSE and self.jacobian.shape[0] == self.jacobian.shape[1]:
+            return _iterated(self.jacobian, b)
         return scipy.linalg.lstsq(
             self.jacobian.toarray(), b, cond=RANK_TOLERANCE, lapack_driver="gelsy", check_finite=False
         )[0]
@@ -80,12 +76,12 @@ def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
     Sparse LU where square and regular. Where one direction is lost, the matrix bordered by its null vectors is
     regular, and solving with it gives the least-squares solution of minimum norm (Govaerts, "Numerical Methods for
     Bifurcations of Dynamical Equilibria", section 3.2). Where more are lost, or the matrix is not square, a dense
-    solve does, or in a large problem a hardly damped one.
+    solve does, or in a large problem an iterative one.
     """
     rows, columns = jacobian.shape
     lu = _lu(jacobian) if rows == columns else None
     if lu is None:
-        return _least_norm(jacobian)
+        return Factor(jacobian, None)
     condition, right = _condition(jacobian, lu, "T", "N")
     scaled = condition if condition < BENIGN else min(condition, _scaled_condition(jacobian))
     if condition < CONDITION_LIMIT or scaled < limit:
@@ -97,15 +93,21 @@ def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
         bordered = _lu(border)
         if bordered is not None and (scaled := _scaled_condition(border)) < limit:
             return Factor(jacobian, bordered, bordered=True, condition=scaled)
-    return _least_norm(jacobian)
+    return Factor(jacobian, None)
 
 
-def _least_norm(jacobian: sp.csc_array) -> Factor:
-    """Return what solves with a Jacobian that has lost more than one direction."""
-    if jacobian.shape[1] <= MOST_DENSE or jacobian.shape[0] != jacobian.shape[1]:
-        return Factor(jacobian, None)
+def _iterated(jacobian: sp.csc_array, b: Array) -> Array:
+    """Return the least-squares solution for ``b`` (m,) or (m, k), of least norm in scaled unknowns, as far as it gets.
+
+    LSMR (Fong and Saunders, SIAM J. Sci. Comput. 33, 2011): memory and time are bounded, and directions that are all
+    but lost stay out.
+    """
     scaled, rows, columns = _equilibrated(jacobian)
-    return Factor(jacobian, spla.splu(_damped(scaled, DAMPING)), scales=(rows, columns))
+    found = [
+        columns * spla.lsmr(scaled, rows * column, atol=1e-14, btol=1e-14, conlim=0.0, maxiter=ROUNDS)[0]
+        for column in b.reshape(len(rows), -1).T
+    ]
+    return np.stack(found, axis=1).reshape(-1, *b.shape[1:])
 
 
 def _lu(matrix: sp.csc_array) -> Any:
