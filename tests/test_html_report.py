@@ -72,14 +72,9 @@ def data_of(page: str) -> dict:
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
 
 
-def many(motion: Motion, frames: int) -> Motion:
-    """Return a motion of so many frames, by going to and fro through those of ``motion``."""
-    at = np.abs((np.arange(frames) + len(motion.motion)) % (2 * len(motion.motion) - 2) - len(motion.motion) + 1)
-    cables = {
-        name: dataclasses.replace(cable, **{k: v[at] for k, v in vars(cable).items() if k != "s"})
-        for name, cable in motion.cables.items()
-    }
-    return dataclasses.replace(motion, motion=np.linspace(0.0, 1.0, frames), cables=cables)
+def many(frames: int) -> Motion:
+    """Return the flap's motion in so many frames."""
+    return ho.simulate(flap(), frames=np.linspace(0.0, 1.0, frames))
 
 
 # --- one file ------------------------------------------------------------------------------------------
@@ -151,8 +146,8 @@ def test_what_stands_still_has_a_scene_and_no_curves(tmp_path):
 # --- size and time -------------------------------------------------------------------------------------
 
 
-def test_a_report_of_a_hundred_frames_is_small_and_soon_written(motion, tmp_path):
-    long = many(motion, 100)
+def test_a_report_of_a_hundred_frames_is_small_and_soon_written(tmp_path):
+    long = many(100)
     begin = time.perf_counter()
     name = html_report.write_page(html_report.prepare(long), summary(long), tmp_path)
     assert time.perf_counter() - begin < MOST_SECONDS
@@ -163,7 +158,7 @@ def test_long_motions_and_large_meshes_are_thinned_and_it_is_said(motion, tmp_pa
     ball = trimesh.creation.icosphere(subdivisions=7, radius=0.02)  # 327,680 triangles
     ball.export(tmp_path / "ball.stl")
     parts = {"ball": ho.Part(ho.MeshFile(tmp_path / "ball.stl", "m"), position=(0.08, 0, 0))}
-    long = many(motion, 3000)
+    long = many(3000)
     long = dataclasses.replace(
         long, problem=dataclasses.replace(long.problem, parts=parts), snaps=(Snap("lead", 1501, 0.5),)
     )
