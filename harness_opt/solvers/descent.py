@@ -7,7 +7,7 @@ Newton's method with a shift, on the manifold that the constraints leave: a step
 is taken only where H + shift W is positive on what the constraints leave, which the inertia of the bordered matrix
 tells (Nocedal and Wright, "Numerical Optimization", theorem 16.3), where it is short, and where the energy falls as
 it should. A long shift makes it a step of implicit Euler through a viscous medium, none makes it Newton's; so the end
-is a minimum, not a saddle. Steps go back onto the constraints by the same matrix (second-order correction, section
+is a minimum, not a saddle but one that was begun at. Steps go back onto the constraints by the same matrix (second-order correction, section
 18.3).
 """
 
@@ -26,7 +26,7 @@ LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
 AT_REST_SHIFT = 3e-7  # a medium that resists less than this, of the multipliers' size, hides no way down
 AT_REST_STEP, AT_REST_ENERGY = 1e-2, 1e-10  # rad; relative: what is left to gain in a last step
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
-IDLE, IDLE_SHIFT = 5, 1e-2  # steps in a row that small show that rounding hides the rest, even with a larger shift
+IDLE = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides the rest
 ON = 1e-6  # constraints are held to this, or to CLOSE of the least room that they leave
 CLOSE = 1e-5
 CORRECTIONS, WAYS_BACK = 8, 30  # steps back onto the constraints: from a step, from a first guess
@@ -128,10 +128,9 @@ class _Walker:
             multipliers = self.multipliers - change
             predicted = 0.5 * float(-here.gradient @ step + self.shift * (here.weights @ step**2))
             gain = abs(predicted) / (1.0 + abs(energy))
-            most = IDLE_SHIFT if self.idle >= IDLE else AT_REST_SHIFT
-            slight = self.shift <= most * (1.0 + float(np.linalg.norm(multipliers)))
+            slight = self.shift <= AT_REST_SHIFT * (1.0 + float(np.linalg.norm(multipliers)))
             idle = size < AT_REST_STEP and gain < AT_REST_ENERGY
-            if idle and slight:
+            if idle and (slight or self.idle >= IDLE):
                 self.q, self.multipliers = self.landscape.move(self.q, step), multipliers
                 return Ended.AT_REST
             trial = self.corrected(self.landscape.move(self.q, step))
