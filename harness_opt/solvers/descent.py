@@ -7,8 +7,8 @@ Newton's method with a shift, on the manifold that the constraints leave: a step
 is taken only where H + shift W is positive on what the constraints leave, which the inertia of the bordered matrix
 tells (Nocedal and Wright, "Numerical Optimization", theorem 16.3), where it is short, and where the energy falls as
 it should. A long shift makes it a step of implicit Euler through a viscous medium, none makes it Newton's; so the end
-is a minimum, not a saddle but one that was begun at. Steps go back onto the constraints by the same matrix (second-order correction, section
-18.3).
+is a minimum, not a saddle but one that was begun at. Steps go back onto the constraints by the same matrix
+(second-order correction, section 18.3).
 """
 
 from __future__ import annotations
