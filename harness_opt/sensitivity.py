@@ -31,6 +31,7 @@ class ShapeRates:
         curvature: (P, N, 3, k), section frame.
         force, moment: (P, N, 3, k), world.
         unknowns: of the discretised equations themselves, (P, m, k): predicts the shapes of a nearby design.
+        length: of the cable, (k,).
     """
 
     position: Array
@@ -38,6 +39,7 @@ class ShapeRates:
     force: Array
     moment: Array
     unknowns: Array
+    length: Array
 
 
 @dataclass(frozen=True)
@@ -136,4 +138,5 @@ def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array, *, exact: boo
         units.force * (out["force"] - 2.0 * here.force[..., None] * longer),
         units.moment * (out["moment"] - here.moment[..., None] * longer),
         nodes.unknowns,
+        clamps.length,
     )
