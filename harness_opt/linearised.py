@@ -32,14 +32,15 @@ AT_END = 1e-9  # of the length: a witness this near to the edge of what counts s
 
 @dataclass(frozen=True)
 class Rows:
-    """Scaled margins (m,) that must be >= 0, their rates (m, k) per unit of the variables, their limits' names and
-    frames (m,).
+    """Scaled margins (m,) that must be >= 0, their rates (m, k) per unit of the variables, their limits' names, frames
+    (m,), and what a scaled margin of 1 is in SI units, to first order, (m,).
     """
 
     margin: Array
     rate: Array
     name: tuple[str, ...]
     frame: Indices
+    scale: Array
 
     @staticmethod
     def joined(several: Sequence[Rows]) -> Rows:
@@ -49,6 +50,7 @@ class Rows:
             np.concatenate([rows.rate for rows in several]),
             tuple(name for rows in several for name in rows.name),
             np.concatenate([rows.frame for rows in several]),
+            np.concatenate([rows.scale for rows in several]),
         )
 
 
@@ -82,7 +84,7 @@ def linearised(
     for name in motion.cables:
         rows += _cable_rows(problem, name, motion, rates.get(name), asked, variables)
     if not rows:  # every pair was left out: nothing can be near its limit
-        return Rows(np.ones(1), np.zeros((1, variables)), ("no limit",), np.zeros(1, dtype=int))
+        return Rows(np.ones(1), np.zeros((1, variables)), ("no limit",), np.zeros(1, dtype=int), np.ones(1))
     return Rows.joined(rows)
 
 
@@ -103,9 +105,10 @@ def _clearance_rows(
     witnesses = Witnesses.joined([found, pair.nearest.take(missing)])
     slope = np.zeros((len(witnesses.frame), variables))
     if rates:
-        slope = np.einsum("wc,wck->wk", witnesses.normal, _approach(problem, pair, motion, rates, witnesses)) / scale
+        slope = np.einsum("wc,wck->wk", witnesses.normal, _approach(problem, pair, motion, rates, witnesses))
+        slope /= scale
     margin = (witnesses.clearance - limit) / scale - asked[name]
-    return Rows(margin, slope, (name,) * len(margin), witnesses.frame)
+    return Rows(margin, slope, (name,) * len(margin), witnesses.frame, np.full(len(margin), scale))
 
 
 def _approach(
@@ -172,7 +175,8 @@ def _cable_rows(
             unit = vector[frame, station] / np.maximum(worst, TINY)[:, None]
             slope = -np.einsum("wc,wck->wk", unit, getattr(rates, quantity)[frame, station, part]) / limit
         name = limit_label(label, cable, None)
-        rows.append(Rows(1.0 - worst / limit - asked[name], slope, (name,) * len(frame), frame))
+        scale = np.full(len(frame), 1.0 / limit if label == "bend_radius" else limit)
+        rows.append(Rows(1.0 - worst / limit - asked[name], slope, (name,) * len(frame), frame, scale))
     return rows
 
 

@@ -23,7 +23,7 @@ from .body_motion import BodyMotion, Hinge, Poses, Slide
 from .errors import ProblemError
 from .file_checks import SIDES, Tree, located, mistakes_between, table, unreadable, value
 from .file_schema import schema
-from .file_values import Mistake, dotted, shown
+from .file_values import Mistake, coupling, dotted, shown
 from .file_writer import problem_text
 from .poses_file import parse_poses
 from .problem import (
@@ -34,6 +34,7 @@ from .problem import (
     Cable,
     CableRun,
     Capsule,
+    Coupling,
     Cylinder,
     Design,
     End,
@@ -310,5 +311,11 @@ def _limits(limits: file_schema.LimitsTable) -> Limits:
 
 
 def _design(design: file_schema.DesignTable) -> Design:
-    variables = tuple(Variable(name, lower, upper) for name, (lower, upper) in design.variables.items())
-    return Design(design.minimise, variables)
+    variables, couplings = [], []
+    for name, given in design.variables.items():
+        if isinstance(given, str):
+            leader, factor, offset = coupling(given) or (name, 1.0, 0.0)  # checked before
+            couplings.append(Coupling(name, leader, factor, offset))
+        else:
+            variables.append(Variable(name, *given))
+    return Design(design.minimise, tuple(variables), tuple(couplings), design.weights, design.maximise, design.snaps)

@@ -66,11 +66,6 @@ class Trial:
         """The row with the smallest margin."""
         return int(np.argmin(self.rows.margin))
 
-    @property
-    def violation(self) -> float:
-        """By how much, in scales of a limit, the worst limit misses what is asked for; snaps count on top."""
-        return max(0.0, -float(self.rows.margin[self.worst])) + SNAP_COST * len(self.motion.snaps)
-
 
 class Trials:
     """Simulates designs of one problem.
@@ -87,6 +82,7 @@ class Trials:
         self.frames = place_frames(problem)
         # asked for beyond each limit, in its scale; verifications add to it
         self.asked: defaultdict[str, float] = defaultdict(lambda: GUARD)
+        self.count = 0  # designs simulated
 
     def __call__(self, values: Array, near: Trial | None, *, stride: int = 1, look: bool = False) -> Trial | None:
         """Simulate the design ``values`` (k,); None where it cannot be simulated.
@@ -100,6 +96,7 @@ class Trials:
         Raises:
             KeyboardInterrupt: raised by ``progress``.
         """
+        self.count += 1
         indices = sorted({*range(0, len(self.frames), stride), len(self.frames) - 1})
         motion_values = self.frames[indices]
         try:

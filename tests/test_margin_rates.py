@@ -1,4 +1,4 @@
-"""The rates of every limit's margin with every design variable, against simulating and measuring again."""
+"""The rates of every limit's margin with every design variable and property, against simulating and measuring again."""
 
 from __future__ import annotations
 
@@ -62,13 +62,21 @@ def problem() -> ho.Problem:
     }
     limits = ho.Limits(0.003, 0.02, 6.0, 2.0, 0.2)
     bare = ho.Problem(cables, bodies, parts, (1.0, 2.0, -9.0), limits)
-    variables = tuple(ho.Variable(name, -100, 100) for name in design_variables.names(bare))
+    names = [*design_variables.names(bare), *design_variables.properties(bare)]
+    variables = tuple(ho.Variable(name, -100, 100) for name in names)
     return dataclasses.replace(bare, design=Design(variables=variables))
 
 
 NAMES = [variable.name for variable in problem().design.variables]
 START = design_variables.values(problem()) + np.array(
     [2.0 * (j % 3 + 1) if "rotate" in name else 0.0 for j, name in enumerate(NAMES)]
+)
+# changes of each that count about the same
+SCALE = np.array(
+    [
+        5.0 if "rotate" in name else 0.01 if design_variables.target(name).unit == "m" else 0.1 * value
+        for name, value in zip(NAMES, START, strict=True)
+    ]
 )
 
 
@@ -105,8 +113,8 @@ def rates_and_differences() -> tuple[dict, dict]:
     rows, sweeps = rows_at(START, None, True)
     found = {key: rows.rate[number] for key, number in worst(rows).items()}
     expected = {key: np.zeros(len(NAMES)) for key in found}
-    for j, name in enumerate(NAMES):
-        step = 0.02 if "rotate" in name else 1e-4
+    for j in range(len(NAMES)):
+        step = 0.01 * SCALE[j]
         sides = {}
         for k in (-2, -1, 1, 2):
             side = rows_at(START + k * step * np.eye(len(NAMES))[j], sweeps, False)[0]
@@ -134,14 +142,13 @@ def test_every_limit_is_tried():
 @pytest.mark.parametrize("limit", LIMITS)
 def test_rates(limit):
     found, expected = rates_and_differences()
-    scale = np.array([5.0 if "rotate" in name else 0.01 for name in NAMES])  # changes that count about the same
     for (name, frame), exact in expected.items():
         if name == limit:
-            size = np.max(np.abs(exact * scale))
+            size = np.max(np.abs(exact * SCALE))
             assert size > 0
             close = BETWEEN if "cable:" in limit else QUERIED if " to " in limit else EXACT
             for j, variable in enumerate(NAMES):
-                assert abs((found[name, frame] - exact)[j] * scale[j]) < close * size, (variable, frame)
+                assert abs((found[name, frame] - exact)[j] * SCALE[j]) < close * size, (variable, frame)
 
 
 def test_the_edges_of_what_counts_are_met():
