@@ -127,17 +127,25 @@ def verified(trials: Trials, goal: Goal, design: Trial, note: Note) -> Verified:
         found = verify(trials, design)
         if found.holds(snaps=goal.snaps) or not goal.held(design) or attempt == VERIFICATIONS - 1:
             break
-        for row in found.rows:
-            if row.margin < 0:
-                radius = found.motion.problem.cables[row.cable].cable.radius
-                name = limit_label(row.name, row.cable, row.part)
-                trials.asked[name] += EXTRA * -row.margin / scale_of(row.name, row.limit, radius)
-        # of two shapes of one pose the search may have followed another one than a start from nothing finds
-        again = trials(design.values, None if _strayed(design, found.motion) else design)
+        if _strayed(design, found.motion):
+            # of two shapes of one pose the search followed another one than a start from nothing finds
+            trials.cold = True
+        else:
+            _ask_for_more(trials, found)
+        again = trials(design.values, design)
         if again is None:
             break
         design = again
     return found
+
+
+def _ask_for_more(trials: Trials, found: Verified) -> None:
+    """Ask in addition for what a verification found short."""
+    for row in found.rows:
+        if row.margin < 0:
+            radius = found.motion.problem.cables[row.cable].cable.radius
+            name = limit_label(row.name, row.cable, row.part)
+            trials.asked[name] += EXTRA * -row.margin / scale_of(row.name, row.limit, radius)
 
 
 def verify(trials: Trials, design: Trial) -> Verified:

@@ -3,7 +3,10 @@
 At each design the whole motion is simulated, every limit near its bound is linearised, and a small quadratic program
 gives the step. A trial is taken where no earlier design has both less violation and a lower objective, which lets the
 iterates pass through slight violations on the way along a curved limit. Fletcher and Leyffer, "Nonlinear programming
-without a penalty function", Math. Program. 91 (2002).
+without a penalty function", Math. Program. 91 (2002). From a trial that just misses that, it goes on for one step
+all the same, and back if that does not help: a watchdog (Nocedal and Wright, "Numerical Optimization", section 15.6),
+for in a curved valley every long step misses the linearised limits. What a failed trial taught of the limits stays in
+the next program.
 """
 
 from __future__ import annotations
@@ -15,14 +18,18 @@ import numpy as np
 
 from .goals import Goal
 from .quadratic_program import solve
+from .rotations import Array
 from .trials import HELD, Trial, Trials
 
 ITERATIONS = 60
 TRUST = 0.25  # first trust region, in the bounds' ranges
 LEAST_TRUST = 1e-5
 STEP_DONE = 1e-3  # a step below this, in the bounds' ranges, ends the search
-GAIN_DONE = 2e-4  # of soft limits, in their scales: a step that promises less ends the search
+PROMISE = 1e-3  # of a violation or shortfall: a step that promises to take away less ends the search
+LEAST_SHORT = 0.2  # in scales: of a smaller shortfall that share is taken of this
 MARGIN = 1e-3  # by how much a trial must improve on the designs met before
+SHRINK = 0.35  # of the step that failed: the next trust region
+ASTRAY = 0.1  # largest scaled violation of a design that the search goes on from for one step though it is no better
 WORST = 0.5  # largest scaled violation that a lower objective can excuse
 
 
@@ -69,40 +76,55 @@ def descend(trials: Trials, goal: Goal, design: Trial, stride: int, note: Note) 
     """
     trust, best = TRUST, design
     met = [(goal.violation(design), goal.objective(design))]
+    tried: Trial | None = None
+    home: Trial | None = None  # to return to, where the search has gone on from a design that was not acceptable
     for _ in range(ITERATIONS):
-        step, gain = _step(goal, design, trust)
+        step, promise = _step(goal, design, trust, tried)
         size = float(np.max(np.abs(step)))
-        if _done(goal, design, size, gain):
-            break
+        if _done(goal, design, size, promise):
+            if home is None:
+                break
+            design, tried, home, trust = home, design, None, SHRINK * trust
+            continue
         trial = trials(design.values + step * goal.range, design, stride=stride)
         accepted = trial is not None and _acceptable(goal.violation(trial), goal.objective(trial), met)
         if accepted and trial is not None:
             met.append((goal.violation(trial), goal.objective(trial)))
             trust = 2.0 * trust if size > 0.9 * trust else trust
-            design = trial
+            design, tried, home = trial, None, None
             best = design if goal.better(design, best) else best
+        elif home is None and trial is not None and goal.violation(trial) <= ASTRAY:
+            design, tried, home = trial, None, design
+            trust = min(trust, size)
         else:
-            trust = 0.35 * min(trust, size)
+            trust = SHRINK * min(trust, size)
+            tried = trial if trial is not None and goal.violation(trial) <= WORST else None
+            design, home = home or design, None
         note(_told(goal, trial or design, trust, size, accepted), best)
         if trust < LEAST_TRUST:
             break
     return best
 
 
-def _step(goal: Goal, design: Trial, trust: float) -> tuple[np.ndarray, float]:
-    """Return the step (k,) in ranges, and by how much it promises to lower the soft limits' shortfall."""
-    program = goal.program(design, trust)[0]
+def _step(goal: Goal, design: Trial, trust: float, tried: Trial | None) -> tuple[Array, float]:
+    """Return the step (k,) in ranges, and what it promises of what it is after, as a share: violation, or shortfall.
+
+    Infinite where it is after something else.
+    """
+    program = goal.program(design, trust, tried)[0]
     answer = solve(program)
+    if not goal.held(design):
+        short = float(np.max(-program.margin[~program.soft], initial=0.0))
+        return answer.step, (short - answer.slack) / short if short > 0.0 else np.inf
     if not np.any(program.soft):
         return answer.step, np.inf
-    return answer.step, max(float(np.max(-program.margin[program.soft])), program.floor) - answer.shortfall
+    short = float(np.max(-program.margin[program.soft]))
+    return answer.step, (max(short, program.floor) - answer.shortfall) / max(abs(short), LEAST_SHORT)
 
 
-def _done(goal: Goal, design: Trial, size: float, gain: float) -> bool:
-    """Return whether a step of ``size`` that promises ``gain`` is not worth a simulation."""
-    if not goal.held(design):
-        return size < 1e-2 * STEP_DONE
-    return size < STEP_DONE or gain < GAIN_DONE
+def _done(goal: Goal, design: Trial, size: float, promise: float) -> bool:
+    """Return whether a step of ``size`` with such a promise is not worth a simulation."""
+    return promise < PROMISE or size < (STEP_DONE if goal.held(design) else 1e-2 * STEP_DONE)
 
 
 def _acceptable(violation: float, objective: float, met: list[tuple[float, float]]) -> bool:

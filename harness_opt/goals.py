@@ -23,6 +23,21 @@ from .trials import HELD, SNAP_COST, Trial
 ROWS = 400  # most linearised limits in a quadratic program, the tightest first
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """A bound that may be passed.
+
+    Args:
+        number: of the variable.
+        side: -1 lower, 1 upper.
+        reach: how far, in the variable's unit.
+    """
+
+    number: int
+    side: int
+    reach: float
+
+
 @dataclass(frozen=True, eq=False)
 class Goal:
     """A goal over k variables.
@@ -37,8 +52,7 @@ class Goal:
         floor: the least that their shortfall counts for: 0 is content where they hold, -inf asks for margin.
         snaps: whether snaps are allowed.
         aim: in words.
-        beyond: number of a variable and the side, -1 lower or 1 upper, of its bound that may be passed at the cost
-            of the excess in ranges; None is none.
+        beyond: a bound that may be passed at the cost of the excess in ranges; None is none.
     """
 
     weights: Array
@@ -50,25 +64,22 @@ class Goal:
     soft: frozenset[str] | None = frozenset()
     floor: float = 0.0
     snaps: bool = False
-    beyond: tuple[int, int] | None = None
+    beyond: Beyond | None = None
     aim: str = "least change"
 
     def limits(self) -> tuple[Array, Array]:
-        """Return the bounds (k,) that no step passes: one that may be passed is a range further out."""
+        """Return the bounds (k,) that no step passes: one that may be passed is further out."""
         lower, upper = self.lower.copy(), self.upper.copy()
         if self.beyond is not None:
-            number, side = self.beyond
-            if side > 0:
-                upper[number] += self.range[number]
-            else:
-                lower[number] -= self.range[number]
+            out = self.beyond.side * self.beyond.reach
+            (upper if out > 0 else lower)[self.beyond.number] += out
         return lower, upper
 
     def excess(self, values: Array) -> float:
         """Return by how much ``values`` (k,) pass the bound that may be passed, in ranges; below 0 inside."""
         if self.beyond is None:
             return -np.inf
-        number, side = self.beyond
+        number, side = self.beyond.number, self.beyond.side
         bound = self.upper[number] if side > 0 else self.lower[number]
         return float(side * (values[number] - bound) / self.range[number])
 
@@ -107,14 +118,25 @@ class Goal:
             return self.objective(a) < self.objective(b)
         return self.violation(a) < self.violation(b)
 
-    def program(self, trial: Trial, trust: float) -> tuple[Program, tuple[str, ...]]:
-        """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and its rows' limits."""
+    def program(self, trial: Trial, trust: float, tried: Trial | None = None) -> tuple[Program, tuple[str, ...]]:
+        """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and its rows' limits.
+
+        Args:
+            trial: where the step begins.
+            trust: its largest entry.
+            tried: a design nearby that was tried in vain: what it taught of the limits counts as well.
+        """
         rows = trial.rows
+        if tried is not None:
+            back = trial.values - tried.values
+            rows = Rows.joined(
+                [rows, dataclasses.replace(tried.rows, margin=tried.rows.margin + tried.rows.rate @ back)]
+            )
         tightest = np.argsort(rows.margin, kind="stable")[:ROWS]
         margin, rate, soft = rows.margin[tightest], rows.rate[tightest] * self.range, self._is_soft(rows)[tightest]
         names = tuple(rows.name[i] for i in tightest)
         if self.beyond is not None:
-            number, side = self.beyond
+            number, side = self.beyond.number, self.beyond.side
             margin = np.append(margin, -self.excess(trial.values))
             rate = np.vstack([rate, -side * np.eye(len(self.range))[number]])
             soft, names = np.append(soft, True), (*names, "bound")
@@ -137,7 +159,7 @@ class Goal:
             aim="least violation",
         )
 
-    def relaxing(self, limits: frozenset[str] = frozenset(), bound: tuple[int, int] | None = None) -> Goal:
+    def relaxing(self, limits: frozenset[str] = frozenset(), bound: Beyond | None = None) -> Goal:
         """Return the goal of passing ``limits``, or a bound as in ``beyond``, as little as can be; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(

@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from . import design_variables
 from .clearance import ClearanceResult, measure
 from .design_search import Verified, verified
@@ -27,6 +29,7 @@ from .results import LimitResult, Motion
 from .rotations import Array
 from .scene import load_scene
 from .threads import one_thread
+from .trade_off import TradeOff, trade_off
 from .trials import GUARD, Trial, Trials
 
 Watch = Callable[[Step], None]
@@ -66,6 +69,7 @@ class Redesign:
         status: OK, or why a design could not be simulated.
         message: for the user; empty where all is well.
         timing: seconds by phase.
+        trade_off: of the two quantities that were asked for; None where none were.
     """
 
     problem: Problem
@@ -86,6 +90,7 @@ class Redesign:
     status: Status = Status.OK
     message: str = ""
     timing: Mapping[str, float] = field(default_factory=dict)
+    trade_off: TradeOff | None = None
 
     @property
     def ok(self) -> bool:
@@ -120,21 +125,32 @@ def _active(trial: Trial, problem: Problem, goal: Goal) -> tuple[str, ...]:
     return (*near, *at_bound)
 
 
+@dataclass(frozen=True)
+class Earlier:
+    """A redesign that was interrupted, to go on from.
+
+    Args:
+        values: of its best design, by name.
+        history: its iterations.
+    """
+
+    values: Mapping[str, float]
+    history: tuple[Step, ...] = ()
+
+
 class _Log:
     """The history of a redesign, and the best design met so far."""
 
-    def __init__(self, first: Trial | None, progress: Progress | None, watch: Watch | None):
-        self.history: list[Step] = []
+    def __init__(self, first: Trial | None, earlier: Earlier | None, watch: Watch | None):
+        self.history: list[Step] = [] if earlier is None else list(earlier.history)
         self.best = first
-        self._progress, self._watch = progress, watch
+        self._watch = watch
 
     def __call__(self, step: Step, best: Trial) -> None:
         self.history.append(step)
         self.best = best
         if self._watch:
             self._watch(step)
-        if self._progress:
-            self._progress("redesign", len(self.history), 0)
 
 
 @one_thread
@@ -144,6 +160,8 @@ def redesign(
     solver: str = "gauss-newton",
     progress: Progress | None = None,
     watch: Watch | None = None,
+    earlier: Earlier | None = None,
+    pareto: tuple[str, str] | None = None,
     throw: bool = True,
 ) -> Redesign:
     """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
@@ -151,8 +169,10 @@ def redesign(
     Args:
         problem: with design variables and limits.
         solver: name, as in :func:`harness_opt.equilibrium`.
-        progress: called with a word, iterations done and 0, and with frames as in :func:`harness_opt.simulate`.
+        progress: called with every frame, as in :func:`harness_opt.simulate`.
         watch: called with every iteration.
+        pareto: two quantities whose trade-off curve is wanted too, as in :func:`harness_opt.trade_off.quantities`.
+        earlier: a redesign of the same problem that was interrupted, to go on from.
         throw: raise where no shape can be found, or return the failed result.
 
     Raises:
@@ -165,15 +185,16 @@ def redesign(
     loaded = time.perf_counter()
     trials, goal = Trials(problem, scene, solver, progress), goal_of(problem)
     moved = design_variables.moved(problem)
-    first = trials(goal.centre, None)
-    if moved or first is None:
+    first = trials(_begin(problem, goal, earlier), None)
+    if moved or earlier or first is None:
         motion_before = simulate(problem, solver=solver, progress=progress, throw=False)
         clearances_before = measure(problem, scene, motion_before.motion, motion_before.cables)
     else:
         motion_before, clearances_before = first.motion, first.clearances
     limits_before = all_limits(problem, motion_before, clearances_before) if len(motion_before.motion) else ()
     status, message = Status.OK, ""
-    log = _Log(first, progress, watch)
+    log = _Log(first, earlier, watch)
+    curve: TradeOff | None = None
     told: tuple[tuple[Relaxation, ...], tuple[Price, ...]] = ((), ())
     if first is None:
         status = Status.STEP_TOO_SMALL if motion_before.ok else motion_before.status
@@ -186,6 +207,8 @@ def redesign(
             status, message = found.motion.status, found.motion.message
             if status.ok:
                 told = _reasons(trials, goal, found, log)
+            if status.ok and pareto is not None:
+                curve = trade_off(trials, _named(problem, ends.values), pareto, log)
         except KeyboardInterrupt:  # raised by ``progress``: the best design met is kept, verified or not
             status = Status.INTERRUPTED
             message = status.value
@@ -197,11 +220,22 @@ def redesign(
     result = Redesign(
         ends.motion.problem, problem, ends.motion, ends.clearances, ends.rows, limits_before, motion_before, variables,
         len(log.history), tuple(log.history), ends.active, moved, *told, status.ok and ends.holds, status, message,
-        {"load": loaded - begin, "solve": time.perf_counter() - loaded},
+        {"load": loaded - begin, "solve": time.perf_counter() - loaded}, curve,
     )  # fmt: skip
     if throw and not status.ok:
         raise SolveError(message, status, result)
     return result
+
+
+def _begin(problem: Problem, goal: Goal, earlier: Earlier | None) -> Array:
+    """Return the values (k,) of the first design."""
+    if earlier is None:
+        return goal.centre
+    return np.clip([earlier.values[v.name] for v in problem.design.variables], goal.lower, goal.upper)
+
+
+def _named(problem: Problem, values: Array) -> dict[str, float]:
+    return dict(zip((v.name for v in problem.design.variables), values.tolist(), strict=True))
 
 
 @dataclass(frozen=True)

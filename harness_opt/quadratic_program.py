@@ -55,12 +55,14 @@ class Answer:
 
     Args:
         step: d, (k,).
+        slack: t, by how much a hard row stays short.
         shortfall: e, as far as the linearised soft rows tell; 0 without soft rows.
         multipliers: (m,), >= 0: how much the objective falls for each unit that a row's margin is raised.
         bounds: (k,), the same for the highest (positive) and the lowest (negative) values.
     """
 
     step: Array
+    slack: float
     shortfall: float
     multipliers: Array
     bounds: Array
@@ -85,6 +87,7 @@ def solve(program: Program) -> Answer:
     x = np.asarray(answer["x"]).ravel()
     return Answer(
         np.clip(x[:k], program.lowest, program.highest),
+        float(x[k]),
         float(x[k + 1]),
         np.maximum(-np.asarray(answer["lam_a"]).ravel(), 0.0),
         np.asarray(answer["lam_x"]).ravel()[:k],

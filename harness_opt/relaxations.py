@@ -12,9 +12,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from . import design_variables
 from .design_search import SEARCH_STRIDE, verify
 from .filter_search import Note, descend
-from .goals import Goal
+from .goals import Beyond, Goal
 from .limit_keys import LimitKey, limit_keys
 from .problem import Problem, Variable
 from .quadratic_program import solve
@@ -23,6 +24,8 @@ from .trials import HELD, Trial, Trials
 CARRIES = 0.01  # of the violation: a limit or bound that carries less is not in the way
 NEAR = 1e-2  # trust region, in ranges, in which the multipliers at the design of least violation are looked at
 AT_BOUND = 1e-4  # of a variable's range: this near to a bound it stands at it
+# how far bounds are passed: where that does not help, something else is wrong with the design
+LONGER, FURTHER, TURNED = 0.5, 0.25, 90.0  # of the cable's length for lengths and positions, degrees
 DIGITS = 3  # to which a value that would do is rounded, to the side that does
 MOST = 8  # limits and bounds that are tried
 TRIES = 3  # at the check of one: each gives way a little more
@@ -55,10 +58,10 @@ class Relaxation:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A limit, or a bound as in :class:`Goal`'s ``beyond``, with its share of the violation."""
+    """A limit or a bound, with its share of the violation."""
 
     limit: LimitKey | None
-    bound: tuple[int, int] | None
+    bound: Beyond | None
     share: float
 
 
@@ -95,8 +98,24 @@ def _candidates(problem: Problem, goal: Goal, least: Trial) -> list[_Candidate]:
         bound = goal.upper[number] if side > 0 else goal.lower[number]
         at_bound = abs(least.values[number] - bound) < AT_BOUND * goal.range[number]
         if at_bound and abs(multiplier) > CARRIES:
-            found.append(_Candidate(None, (number, side), abs(float(multiplier))))
+            found.append(_Candidate(None, Beyond(number, side, _reach(problem, number)), abs(float(multiplier))))
     return found
+
+
+def _reach(problem: Problem, number: int) -> float:
+    """Return how far a bound is passed in the search for a relaxation, in the variable's unit."""
+    variable = problem.design.variables[number]
+    what = design_variables.target(variable.name)
+    length = problem.cables[what.cable].cable.length
+    least = {"length": LONGER * length, "position": FURTHER * length, "rotate": TURNED}[what.quantity]
+    return max(variable.upper - variable.lower, least)
+
+
+def _bound(candidate: _Candidate) -> tuple[int, int]:
+    """Return the variable's number and the side of a candidate that is a bound."""
+    if candidate.bound is None:
+        raise ValueError("a limit has no side")
+    return candidate.bound.number, candidate.bound.side
 
 
 def _between_cables(carried: Mapping[str, float], key: LimitKey) -> bool:
@@ -109,7 +128,7 @@ def _relaxation(trials: Trials, goal: Goal, least: Trial, candidate: _Candidate,
     key, bound = candidate.limit, candidate.bound
     relaxing = goal.relaxing(frozenset() if key is None else key.labels, bound)
     end = descend(trials, relaxing, least, SEARCH_STRIDE, note)
-    full = trials(end.values, end)
+    full = trials(end.values, end) if relaxing.held(end) else None
     end = end if full is None else descend(trials, relaxing, full, 1, note)
     first_order = goal.least_violation().objective(least) / candidate.share
     amount = relaxing.objective(end)
@@ -137,7 +156,7 @@ def _describe(problem: Problem, goal: Goal, least: Trial, candidate: _Candidate)
     if candidate.limit is not None:
         key = candidate.limit
         return Relaxation(key.name, key.kind, key.limit, candidate.share, math.nan, None)
-    number, side = candidate.bound or (0, 1)
+    number, side = _bound(candidate)
     variable = problem.design.variables[number]
     bound = variable.upper if side > 0 else variable.lower
     kind = "upper" if side > 0 else "lower"
@@ -149,7 +168,7 @@ def _value(goal: Goal, trial: Trial, candidate: _Candidate, amount: float) -> fl
     if candidate.limit is not None:
         own = [s for s, n in zip(trial.rows.scale, trial.rows.name, strict=True) if n in candidate.limit.labels]
         return candidate.limit.value(amount, float(max(own)))
-    number, side = candidate.bound or (0, 1)
+    number, side = _bound(candidate)
     bound = goal.upper[number] if side > 0 else goal.lower[number]
     return float(bound + side * amount * goal.range[number])
 
@@ -159,14 +178,14 @@ def _rounded(now: float, value: float) -> float:
     change = value - now
     if change == 0.0:
         return value
-    unit = 10.0 ** (math.floor(math.log10(abs(change))) - DIGITS + 2)
+    unit = 10.0 ** (math.floor(math.log10(abs(change))) - DIGITS + 1)
     return float(f"{now + math.copysign(math.ceil(abs(change) / unit) * unit, change):.9g}")
 
 
 def _relaxed(problem: Problem, candidate: _Candidate, value: float) -> Problem:
     if candidate.limit is not None:
         return candidate.limit.replaced(problem, value)
-    number, side = candidate.bound or (0, 1)
+    number, side = _bound(candidate)
     variables = list(problem.design.variables)
     variable = variables[number]
     variables[number] = Variable(variable.name, *((variable.lower, value) if side > 0 else (value, variable.upper)))

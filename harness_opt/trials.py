@@ -83,6 +83,7 @@ class Trials:
         # asked for beyond each limit, in its scale; verifications add to it
         self.asked: defaultdict[str, float] = defaultdict(lambda: GUARD)
         self.count = 0  # designs simulated
+        self.cold = False  # whether every design starts from nothing, as its file will: where one shape leads elsewhere
 
     def __call__(self, values: Array, near: Trial | None, *, stride: int = 1, look: bool = False) -> Trial | None:
         """Simulate the design ``values`` (k,); None where it cannot be simulated.
@@ -103,7 +104,7 @@ class Trials:
             changed = design_variables.apply(self.problem, values)
             sweeps = {}
             for name in changed.cables:
-                close = near.predicted(name, values) if near else {}
+                close = near.predicted(name, values) if near and not self.cold else {}
                 guesses = [close.get(index) for index in indices]
                 sweeps[name] = sweep(
                     changed, name, motion_values, solver=self.solver, guesses=guesses,
