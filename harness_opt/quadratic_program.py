@@ -6,8 +6,9 @@ for those whose shortfall is to be least.
                 margin + rate d + e >= 0  for the soft rows,   e >= floor,
                 lowest <= d <= highest.
 
-The exact penalty of one elastic slack: Nocedal and Wright, "Numerical Optimization", section 18.5. Solved by HiGHS,
-through CasADi.
+The exact penalty of one elastic slack: Nocedal and Wright, "Numerical Optimization", section 18.5. Solved by CasADi's
+primal-dual interior-point method: the active-set methods that come with CasADi give up on, or go round in, programs
+whose rows are nearly the same, as those of neighbouring frames are.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .rotations import Array
 
 PENALTY = 100.0  # of the hard rows' slack; above any multiplier of an objective of order one
 SMALL = 1e-6  # curvature of the objective everywhere: keeps the step unique where the objective does not
-FALLBACK = "daqp"  # solves what HiGHS gives up on
+QUIET = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +80,7 @@ def solve(program: Program) -> Answer:
     upper = np.concatenate([program.highest, [np.inf, np.inf if any_soft else 0.0]])
     given = {"h": hessian, "g": gradient, "a": rows, "lba": -program.margin, "lbx": lower, "ubx": upper}
     shapes = {"h": ca.Sparsity.dense(k + 2, k + 2), "a": ca.Sparsity.dense(m, k + 2)}
-    for name, options in (("highs", {"highs": {"output_flag": False}}), (FALLBACK, {})):
-        solver = ca.conic("step", name, shapes, {**options, "error_on_fail": False})
-        answer = solver(**given)
-        if solver.stats()["success"]:
-            break
+    answer = ca.conic("step", "ipqp", shapes, QUIET)(**given)
     x = np.asarray(answer["x"]).ravel()
     return Answer(
         np.clip(x[:k], program.lowest, program.highest),
