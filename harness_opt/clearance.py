@@ -26,7 +26,7 @@ from . import rotations
 from .cable_certificate import CableSearch
 from .cable_clearance import CurvePair, against_cable, least_gap
 from .centreline import Curve, cubic_error
-from .clearance_search import LONG, Certificate, Found, Task, Witnesses
+from .clearance_search import LONG, Certificate, Found, Task, Witnesses, never
 from .moving_curve import MovingCurve
 from .part_certificate import PartSearch, Seen
 from .part_clearance import against_part, places
@@ -49,11 +49,13 @@ class Options:
         reach: witnesses are kept up to this much above the limit, m; None takes the cable's diameter.
         most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
             larger.
+        stop: asked while the motion is searched; once True, what is left is not certified, and says so.
     """
 
     tolerance: float | None = None
     reach: float | None = None
     most_queries: int = 20_000
+    stop: Callable[[], bool] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,6 +301,7 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
         reach=cable.diameter if options.reach is None else options.reach,
         strict=options.tolerance is not None,
         most_queries=options.most_queries,
+        stop=options.stop or never,
     )
 
 

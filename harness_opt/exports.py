@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -31,7 +31,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
+def export(folder: str | Path, kind: str, target: str | Path, folders: Iterable[str | Path] = ()) -> list[str]:
     """Write the motion that a result folder holds for another program; return what was written, a sentence each.
 
     Args:
@@ -39,6 +39,7 @@ def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
         kind: "paraview" (``motion.pvd``, with a ``.vtp`` for each frame), "csv" (a table for each cable), "gltf"
             (``motion.glb``, animated) or "stl" (the volume that each cable sweeps).
         target: folder to write in; made where it is missing.
+        folders: from which its problem file may read, as for :func:`harness_opt.read_problem`.
 
     Raises:
         HarnessError: no result in ``folder``, or a package that the export needs is missing; one line.
@@ -52,7 +53,7 @@ def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
     }
     if kind not in writers:
         raise HarnessError(f"found an export to {kind!r}, expected one of {', '.join(KINDS)}")
-    motion, _, _ = read_motion(folder)
+    motion, _, _ = read_motion(folder, folders)
     target = Path(target)
     target.mkdir(parents=True, exist_ok=True)
     return list(writers[kind](motion, load_scene(motion.problem), target))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ProblemError
+from .whole_folder import PART, clear_away, flush, flush_entry, held, put
 
 SUMMARY = "summary.json"
 COMMANDS = ("simulate", "redesign")  # that write a result folder
@@ -87,8 +88,9 @@ def _in_the_way(target: Path, inputs: Iterable[Path]) -> str:
 def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """Give an empty folder beside ``folder`` to write in, and put it in its place if all goes well.
 
-    Killed at any moment, the results that were there are whole, if need be as a hidden folder beside. What an
-    exception interrupts leaves nothing.
+    Killed at any moment, the results that were there are whole, and in their place wherever the system can exchange two
+    folders in one step (Linux, macOS). What an exception interrupts leaves nothing; what a kill leaves is hidden, and
+    goes when the next result is written there.
 
     Args:
         folder, inputs: as in :func:`check_target`.
@@ -97,12 +99,17 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         ProblemError: as :func:`check_target`, or the disk refuses.
     """
     target = check_target(folder, inputs)
-    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
+    aside = target.with_name(f".{target.name}.{os.getpid()}{PART}")
     try:
-        aside.mkdir(parents=True)
-        yield aside
-        _flush(aside)
-        _put(aside, target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        clear_away(target)
+        shutil.rmtree(aside, ignore_errors=True)
+        aside.mkdir()
+        with held(aside):
+            yield aside
+            keep_foreign(target, aside)
+            flush(aside)
+            put(aside, target)
     except OSError as error:
         where = error.filename or folder
         raise ProblemError(
@@ -110,6 +117,29 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         ) from error
     finally:
         shutil.rmtree(aside, ignore_errors=True)
+
+
+def keep_foreign(earlier: Path, aside: Path) -> None:
+    """Have ``aside`` hold, too, what somebody else put into an ``earlier`` result: linked, nothing moves yet."""
+    if not earlier.is_dir():
+        return
+    written = (read_summary(earlier) or {}).get("files", ())
+    for entry in earlier.iterdir():
+        new = aside / entry.name
+        if entry.name in written or os.path.lexists(new):
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.copytree(entry, new, symlinks=True, copy_function=_linked)
+        else:
+            _linked(entry, new)
+
+
+def _linked(source: str | Path, target: str | Path) -> None:
+    """Give a file a second name, or copy it where the disk knows no such thing."""
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copy2(source, target, follow_symlinks=False)
 
 
 def add_file(folder: Path, name: str) -> None:
@@ -120,42 +150,5 @@ def add_file(folder: Path, name: str) -> None:
     content["files"] = sorted([*content.get("files", ()), name])
     aside = folder / f".{SUMMARY}.{os.getpid()}.part"
     aside.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    flush_entry(aside)
     os.replace(aside, folder / SUMMARY)
-
-
-def _put(aside: Path, target: Path) -> None:
-    """Rename ``aside`` to ``target``; an earlier result gives way, and comes back where that fails."""
-    before = target.with_name(f".{target.name}.{os.getpid()}.before")
-    earlier = target.exists()
-    try:
-        if earlier:
-            os.rename(target, before)
-        os.rename(aside, target)
-    finally:
-        if before.exists() and not target.exists():
-            os.rename(before, target)
-    if earlier:
-        written = (read_summary(before) or {}).get("files", ())
-        for entry in before.iterdir():
-            if entry.name not in written and not (target / entry.name).exists():
-                os.rename(entry, target / entry.name)
-        shutil.rmtree(before)
-    _flush_entry(target.parent)
-
-
-def _flush(folder: Path) -> None:
-    """Have the disk hold all that is in ``folder`` before its name does."""
-    for place, _, files in os.walk(folder, topdown=False):
-        for name in files:
-            _flush_entry(Path(place, name))
-        _flush_entry(Path(place))
-
-
-def _flush_entry(path: Path) -> None:
-    if os.name == "nt" and path.is_dir():  # Windows opens no folders
-        return
-    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -349,7 +349,7 @@ def test_an_interrupt_while_pictures_are_drawn_keeps_the_result(here, monkeypatc
 
 
 def test_an_interrupt_while_reading(here, monkeypatch):
-    monkeypatch.setattr("harness_opt.problem_file.read_problem", lambda _: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("harness_opt.problem_file.read_problem", lambda *_: signal.raise_signal(signal.SIGINT))
     assert main(["check", put(FLAP)]) == 130
     assert main(["simulate", "flap.toml"]) == 130
     assert os.listdir() == ["flap.toml"]
