@@ -5,6 +5,7 @@ trimesh is imported when the first mesh is read.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,6 +19,7 @@ from .problem import MeshFile
 from .rotations import Array
 from .vectors import Indices
 
+_UNHEARD = logging.NullHandler()
 METRES = {None: 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # None: the format is in metres itself
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf")
 LONGEST = 200  # characters of what a reader says
@@ -49,6 +51,7 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
     """Return the vertices (k, 3), in the file's unit and merged, and the faces (m, 3) of ``mesh``."""
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(_UNHEARD)  # what it meets on the way; what stops it comes as an exception
     if mesh.path.suffix.lower() not in FORMATS:
         raise ProblemError(f"{key}: found {mesh.path.name!r}, expected a file ending in {', '.join(FORMATS)}")
     if mesh.unit not in METRES:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .motion import Progress
 
 GRACE, LEAST_GRACE = 0.1, 1.0  # of a time limit, and s: so much later a run is cut off
+SOON = 0.02  # s until the next try to cut off a run
 SECONDS_A_LINE = 5.0  # between two lines of progress where no terminal shows a bar
 
 
@@ -72,8 +73,12 @@ class Interrupts:
             yield
             return
 
-        def ring(_number: int, _frame: FrameType | None) -> None:
-            raise KeyboardInterrupt
+        def ring(_number: int, frame: FrameType | None) -> None:
+            # CasADi turns what is raised inside a call of it into errors of its own
+            if _within(frame, "casadi"):
+                signal.setitimer(signal.ITIMER_REAL, SOON)
+            else:
+                raise KeyboardInterrupt
 
         before = signal.signal(signal.SIGALRM, ring)
         signal.setitimer(signal.ITIMER_REAL, max(self._end - time.monotonic(), 0.0) + self._grace)
@@ -95,6 +100,15 @@ class Interrupts:
         """Raise KeyboardInterrupt if somebody asked for it, or the time is up."""
         if self.stopping():
             raise KeyboardInterrupt
+
+
+def _within(frame: FrameType | None, package: str) -> bool:
+    """Return whether ``frame``, or what called it, belongs to ``package``."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] == package:
+            return True
+        frame = frame.f_back
+    return False
 
 
 @contextlib.contextmanager
