@@ -226,6 +226,8 @@ def measure(
                 search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
                 pair = _certified(pair, motion, search.certificate())
             pairs.append(_in_world(pair, problem, geometry.body, motion))
+        if views is not None:
+            views.forget(own.cable)
         if problem.limits.clearance is None:
             continue
         for other in tasks[number:]:
@@ -265,6 +267,10 @@ class _Views:
             poses = None if body == WORLD else functools.partial(self._problem.poses, body)
             self._curves[cable, body] = MovingCurve(self.frames[cable], poses)
         return self._curves[cable, body]
+
+    def forget(self, cable: str) -> None:
+        """Let go of how bodies see ``cable``: each view takes several times the memory of the frames."""
+        self._curves = {key: curve for key, curve in self._curves.items() if key[0] != cable or key[1] == WORLD}
 
     def seen(self, cable: str, body: str) -> Seen:
         """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""

@@ -16,7 +16,7 @@ from .rotations import Array
 STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
 LEVER = 0.25  # of the cable's length: a clamp's turn counts as the travel of a point that far away
 PATH_SAMPLES = 2001  # for measuring the path of the clamps
-MOST_FRAMES = 20_000
+MOST_FRAMES = 20_000  # of all cables together: at 0.1 MB each they keep to 2 GB
 
 
 def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
@@ -56,9 +56,11 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
             "the whole trail of the clamps"
         )
     count = int(np.ceil(run_so_far[-1] - 1e-9)) + 1
-    if count > MOST_FRAMES:
+    if count * len(problem.cables) > MOST_FRAMES:
+        cables = f" of {len(problem.cables)} cables" if len(problem.cables) > 1 else ""
         raise ProblemError(
-            f"motion.spatial_step: found {allowed:g} m, which asks for {count} frames, expected at most {MOST_FRAMES}"
+            f"motion.spatial_step: found {allowed:g} m, which asks for {count} frames{cables}, expected at most "
+            f"{MOST_FRAMES // len(problem.cables)}"
         )
     # clamps that rest for a while: the tiny slope keeps the inverse single-valued
     measure = run_so_far + 1e-6 * grid

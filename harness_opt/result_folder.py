@@ -19,6 +19,7 @@ from .whole_folder import PART, clear_away, flush, flush_entry, held, put
 
 SUMMARY = "summary.json"
 COMMANDS = ("simulate", "redesign")  # that write a result folder
+MOST_BYTES = 50_000_000  # of a summary; those of a hundred cables among a thousand parts are smaller
 NAMES_SHOWN = 3  # of the files that stand in the way
 
 
@@ -29,11 +30,11 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
         OSError: the file is there and cannot be read.
     """
     file = folder / SUMMARY
-    if not file.is_file():
+    if not file.is_file() or file.stat().st_size > MOST_BYTES:
         return None
     try:
         summary = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError:  # neither JSON nor UTF-8: another program's file of that name
+    except (ValueError, RecursionError):  # neither JSON nor UTF-8: another program's file of that name
         return None
     ours = isinstance(summary, dict) and summary.get("command") in COMMANDS
     ours = ours and isinstance(summary.get("versions"), dict) and "harness-opt" in summary["versions"]

@@ -3,10 +3,10 @@
     python scripts/kill.py --kills 50
     python scripts/kill.py --kills 4 --seed 3
 
-``simulate`` and ``redesign`` are killed (SIGKILL, which nobody can catch) at random moments, half of them while the result
-folder is being written: as soon as a hidden folder appears beside the target, and up to a tenth of a second later. Half
-of the runs find an earlier result in their place. Afterwards the folder has to be the earlier result to the last byte,
-a new one that reads back whole, or absent; and the next run has to clear away whatever is hidden beside it.
+``simulate`` and ``redesign`` are killed (SIGKILL, which nobody can catch) at random moments, half of them while the
+result folder is being written: as soon as a hidden folder appears beside the target, and up to a tenth of a second
+later. Half of the runs find an earlier result in their place. Afterwards the folder has to be the earlier result to the
+last byte, a new one that reads back whole, or absent; and the next run has to clear away what is hidden beside it.
 """
 
 from __future__ import annotations
