@@ -43,25 +43,27 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
             position, quaternion = problem.poses(end.body, grid)
             if end.position is not None:
                 position = position + rotations.rotate(quaternion, end.position)
-            moved = np.linalg.norm(np.diff(position, axis=0), axis=1) / allowed
+            moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
             turned = 2.0 * np.minimum(
                 np.linalg.norm(np.diff(quaternion, axis=0), axis=1),
                 np.linalg.norm(quaternion[1:] + quaternion[:-1], axis=1),
             )
-            increments = np.maximum(increments, np.maximum(moved, LEVER * run.cable.length * turned / allowed))
-    run_so_far = np.concatenate([[0.0], np.cumsum(increments)])
+            increments = np.maximum(increments, np.maximum(moved, LEVER * run.cable.length * turned))
+    with np.errstate(over="ignore"):  # of a step that is nearly nothing; it is refused below
+        run_so_far = np.concatenate([[0.0], np.cumsum(increments / allowed)])
     if asked and 0.0 < run_so_far[-1] < 1.0 - 1e-9:
         raise ProblemError(
             f"motion.spatial_step: found {asked:g} m, expected at most {run_so_far[-1] * asked:.6g} m, "
             "the whole trail of the clamps"
         )
-    count = int(np.ceil(run_so_far[-1] - 1e-9)) + 1
-    if count * len(problem.cables) > MOST_FRAMES:
+    steps = np.ceil(run_so_far[-1] - 1e-9)
+    if (steps + 1) * len(problem.cables) > MOST_FRAMES:
         cables = f" of {len(problem.cables)} cables" if len(problem.cables) > 1 else ""
         raise ProblemError(
-            f"motion.spatial_step: found {allowed:g} m, which asks for {count} frames{cables}, expected at most "
-            f"{MOST_FRAMES // len(problem.cables)}"
+            f"motion.spatial_step: found {allowed:g} m, which asks for {steps + 1:.15g} frames{cables}, expected "
+            f"at most {MOST_FRAMES // len(problem.cables)}"
         )
+    count = int(steps) + 1
     # clamps that rest for a while: the tiny slope keeps the inverse single-valued
     measure = run_so_far + 1e-6 * grid
     return np.interp(np.linspace(0.0, measure[-1], max(count, 2)), measure, grid)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
 EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
+ASIDE = "-interrupted"  # added to the name of a folder that holds a whole result, for a part of another
 REMEDY = 'pip install "harness-opt[pictures]"'
 
 
@@ -104,7 +105,8 @@ def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) ->
         result = _timely(result, wanted.seconds, interrupts)
         result, measured = _measured(result, scene, wanted.tolerance, interrupts.stopping)
         result = timed(result, load=loaded, total=time.perf_counter() - begin)
-        summary, place = _kept(wanted, folder, interrupts.stopping(), (result, measured, command), voice)
+        part = result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
+        summary, place = _kept(wanted, folder, part, (result, measured, command), voice)
         interrupts.patient = False
         try:
             interrupts.stop_here()
@@ -129,11 +131,22 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
     content = summary(result, measured, command=command)
     if interrupted and not content["frames"]:
         return content, None  # an earlier result is worth more
+    if interrupted and _is_whole(folder):
+        folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
     try:
         return write_results(result, folder, measured=measured, command=command), folder
     except ProblemError:
         _show(wanted, content, None, voice)  # what was found is not lost with the disk
         raise
+
+
+def _is_whole(folder: Path) -> bool:
+    """Return whether ``folder`` holds a result of a run that went to its end."""
+    from .result_folder import read_summary
+
+    earlier = read_summary(folder)
+    parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
+    return earlier is not None and earlier.get("reason") not in parts
 
 
 def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -> None:
@@ -154,6 +167,7 @@ def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -
 def _solved(problem: Problem, solve: Solve, progress: Progress, interrupts: Interrupts) -> Motion | Redesign:
     """Return what ``solve`` finds, or what it had found when it gave up."""
     try:
+        interrupts.stop_here()
         with interrupts.cut_off():
             return solve(problem, progress)
     except SolveError as error:
