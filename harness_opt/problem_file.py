@@ -46,7 +46,7 @@ from .problem import (
     Sphere,
     Variable,
 )
-from .whole_folder import flush_entry
+from .whole_folder import write_whole
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 
@@ -109,22 +109,11 @@ def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
         parse_problem(content, Places.around(file.parent), file, pending=tables)
         file.parent.mkdir(parents=True, exist_ok=True)
         for target, data in (*tables.items(), (file, content)):
-            _replace(target, data)
+            write_whole(target, data)
     except OSError as error:
         where = error.filename or file
         raise ProblemError(f"{file}: found no way to write {where} ({error.strerror}), expected one") from error
     return file
-
-
-def _replace(file: Path, content: bytes) -> None:
-    """Put ``content`` in the place of ``file`` in one step."""
-    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
-        aside.write_bytes(content)
-        flush_entry(aside)
-        os.replace(aside, file)
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def parse_problem(content: bytes, places: Places, file: Path, pending: Mapping[Path, bytes] | None = None) -> Problem:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ProblemError
-from .whole_folder import PART, clear_away, flush, flush_entry, held, put
+from .whole_folder import PART, clear_away, flush, held, put, write_whole
 
 SUMMARY = "summary.json"
 COMMANDS = ("simulate", "redesign")  # that write a result folder
@@ -149,7 +149,4 @@ def add_file(folder: Path, name: str) -> None:
     if content is None or name in content.get("files", ()):
         return
     content["files"] = sorted([*content.get("files", ()), name])
-    aside = folder / f".{SUMMARY}.{os.getpid()}.part"
-    aside.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    flush_entry(aside)
-    os.replace(aside, folder / SUMMARY)
+    write_whole(folder / SUMMARY, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())

@@ -103,6 +103,49 @@ def exchanged(one: Path, other: Path) -> bool:
     return False
 
 
+@contextlib.contextmanager
+def filling(folder: Path) -> Iterator[Path]:
+    """Give an empty folder beside ``folder`` to write in; what is in it moves to ``folder`` if all goes well.
+
+    Files and folders of the same names give way, one by one; others stay.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    target = folder.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    aside = target.with_name(f".{target.name}.{os.getpid()}{PART}")
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir()
+    try:
+        yield aside
+        flush(aside)
+        target.mkdir(exist_ok=True)
+        for entry in aside.iterdir():
+            if entry.is_dir():
+                put(entry, target / entry.name)
+            else:
+                os.replace(entry, target / entry.name)
+        flush_entry(target)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def write_whole(file: Path, content: bytes) -> None:
+    """Put ``content`` in the place of ``file`` in one step.
+
+    Raises:
+        OSError: the disk refuses; ``file`` is as it was.
+    """
+    aside = file.with_name(f".{file.name}.{os.getpid()}{PART}")
+    try:
+        aside.write_bytes(content)
+        flush_entry(aside)
+        os.replace(aside, file)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
 def flush(folder: Path) -> None:
     """Have the disk hold all that is in ``folder`` before its name does."""
     for place, _, files in os.walk(folder, topdown=False):
