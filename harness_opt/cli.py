@@ -253,6 +253,36 @@ def redesign(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictur
 
 
 @commands.command()
+@_file
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder of what it finds; results/<name of FILE> where left out.",
+)
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
+@_as_json
+@click.option("--quiet", "-q", is_flag=True, help="No progress and no table.")
+def study(
+    file: Path, folder: Path | None, workers: int | None, scheduler: str | None, as_json: bool, quiet: bool
+) -> int:
+    """Run every variant that the study FILE describes; started again, it goes on where it was.
+
+    DIR holds variants.csv, a row a variant, and study.sqlite, which keeps what is finished.
+
+    \b
+    harness-opt study problems/lift_arm/tolerances.toml
+    harness-opt study tolerances.toml --scheduler tcp://cluster:8786
+    """
+    from .study_command import Asked, run_study
+
+    return run_study(file, Asked(folder, workers, scheduler, as_json, quiet), VOICE)
+
+
+@commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 def show(folder: Path) -> int:
     """Show the result in DIR in a window, to turn about and to scrub along the motion.

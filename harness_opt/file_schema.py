@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -91,6 +91,9 @@ def _not_both(*keys: str) -> list[JsonValue]:
     """Return the JSON Schema of "at most one of ``keys``"."""
     pairs: list[JsonValue] = [[a, b] for i, a in enumerate(keys) for b in keys[i + 1 :]]
     return [{"not": {"required": pair}} for pair in pairs]
+
+
+TableKind = TypeVar("TableKind", bound=Table)
 
 
 class EndTable(Table):
@@ -313,11 +316,15 @@ class ProblemTable(Table):
 # --- use -----------------------------------------------------------------------------------------------
 
 
-def structured(raw: Mapping[str, Any]) -> tuple[ProblemTable | None, dict[str, Any], list[Mistake]]:
+def structured(
+    raw: Mapping[str, Any],
+    model: type[TableKind] = ProblemTable,  # type: ignore[assignment]
+) -> tuple[TableKind | None, dict[str, Any], list[Mistake]]:
     """Validate a parsed file key by key.
 
     Args:
         raw: the nested tables, as :mod:`tomllib` gives them.
+        model: what the file holds.
 
     Returns:
         The tables, or None where there are mistakes; a copy of ``raw`` with :data:`INVALID` in the place of
@@ -325,7 +332,7 @@ def structured(raw: Mapping[str, Any]) -> tuple[ProblemTable | None, dict[str, A
     """
     tree = _copied(raw)
     try:
-        return ProblemTable.model_validate(raw), tree, []
+        return model.model_validate(raw), tree, []
     except ValidationError as error:
         return None, tree, [_mistake(tree, e) for e in error.errors()]
 

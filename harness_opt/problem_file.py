@@ -6,6 +6,7 @@ Every mistake met on the way is gathered and raised as one :class:`~harness_opt.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 import os
@@ -124,8 +125,14 @@ def parse_problem(content: bytes, file: Path, pending: Mapping[Path, bytes] | No
     Raises:
         ProblemError: as :func:`read_problem`.
     """
+    problem = problem_from(toml_tables(content, file), file, pending)
+    return dataclasses.replace(problem, sha256=hashlib.sha256(content).hexdigest())
+
+
+def problem_from(raw: Mapping[str, Any], file: Path, pending: Mapping[Path, bytes] | None = None) -> Problem:
+    """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
     folder = file.parent.resolve()
-    tables, tree, mistakes = file_schema.structured(_toml(content, file))
+    tables, tree, mistakes = file_schema.structured(raw)
     mistakes += mistakes_between(tree, folder)
     motions, wrong = _motions(tree, folder, pending or {})
     mistakes += wrong
@@ -144,11 +151,10 @@ def parse_problem(content: bytes, file: Path, pending: Mapping[Path, bytes] | No
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
         file=folder / file.name,
-        sha256=hashlib.sha256(content).hexdigest(),
     )
 
 
-def _toml(content: bytes, file: Path) -> dict[str, Any]:
+def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
     """Return the nested tables of a TOML text; a byte order mark, as Windows editors write, is let pass."""
     try:
         text = content.decode("utf-8-sig")

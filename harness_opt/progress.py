@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     from .motion import Progress
 
+STOPPING = "Stopping after this frame; Ctrl-C again stops at once and keeps nothing."
 SECONDS_A_LINE = 5.0  # between two lines of progress where no terminal shows a bar
 
 
@@ -30,11 +31,11 @@ class Interrupts:
         patient: whether there is something to lose.
     """
 
-    def __init__(self, warn: Callable[[str], None]) -> None:
-        """Take ``warn``, which shows a line to the user from inside a signal handler."""
+    def __init__(self, warn: Callable[[str], None], words: str = STOPPING) -> None:
+        """Take ``warn``, which shows a line to the user from inside a signal handler, and the line's ``words``."""
         self.asked = False
         self.patient = True
-        self._warn = warn
+        self._warn, self._words = warn, words
 
     def __enter__(self) -> Interrupts:
         """Take over the handling of Ctrl-C, if this is the main thread."""
@@ -54,7 +55,7 @@ class Interrupts:
         if self.asked:
             raise Abandoned
         self.asked = True
-        self._warn("\nStopping after this frame; Ctrl-C again stops at once and keeps nothing.\n")
+        self._warn(f"\n{self._words}\n")
 
     def stop_here(self) -> None:
         """Raise KeyboardInterrupt if somebody asked for it."""
@@ -63,17 +64,18 @@ class Interrupts:
 
 
 @contextlib.contextmanager
-def progress_for(interrupts: Interrupts, stream: TextIO | None) -> Iterator[Progress]:
+def progress_for(interrupts: Interrupts, stream: TextIO | None, counted: str = "frames") -> Iterator[Progress]:
     """Give the function that is told of every frame; between frames it is safe to stop.
 
     Args:
         interrupts: asked after every frame.
         stream: where to show the progress, as a bar if it is a terminal; None shows nothing.
+        counted: what is counted, for logs.
     """
     with contextlib.ExitStack() as stack:
         show: Progress | None = None
         if stream is not None:
-            show = stack.enter_context(_bar(stream)) if stream.isatty() else _lines(stream)
+            show = stack.enter_context(_bar(stream)) if stream.isatty() else _lines(stream, counted)
 
         def told(name: str, done: int, total: int) -> None:
             if show is not None:
@@ -107,7 +109,7 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
         yield show
 
 
-def _lines(stream: TextIO) -> Progress:
+def _lines(stream: TextIO, counted: str) -> Progress:
     """Return a progress for logs: a line for each name now and then."""
     last: dict[str, float] = {}
     first: dict[str, tuple[float, int]] = {}
@@ -117,7 +119,7 @@ def _lines(stream: TextIO) -> Progress:
         begin, from_ = first.setdefault(name, (now, done))
         if name not in last or now - last[name] > SECONDS_A_LINE:
             last[name] = now
-            words = f"{name}: {done} of {total} frames" if total else f"{name}: {done}"
+            words = f"{name}: {done} of {total} {counted}" if total else f"{name}: {done}"
             if total and done > from_:
                 words += f", about {(now - begin) / (done - from_) * (total - done):.0f} s left"
             stream.write(f"{words}\n")
