@@ -15,6 +15,7 @@ REMEDY = 'pip install "harness-opt[cluster]"'
 
 try:
     from distributed import Client, WorkerPlugin
+    from distributed.comm import get_address_host_port
 except ImportError as missing:
     raise ProblemError(f"--scheduler: found no Dask ({missing}), expected it; try {REMEDY}") from missing
 
@@ -56,14 +57,20 @@ def cluster(address: str, shared: Shared) -> Iterator[Executor]:
     Raises:
         ProblemError: no scheduler answers there.
     """
+    try:
+        get_address_host_port(address, strict=True)  # what is no address at all must not be waited for
+    except ValueError as error:
+        raise ProblemError(_missing(address, error)) from error
     files = {(path.name, digest): path.read_bytes() for path, digest in shared.paths().items()}
     try:
         client = Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:  # Dask's own errors of connecting are OSErrors
-        words = " ".join(str(error).split())
-        raise ProblemError(
-            f"--scheduler: found no Dask scheduler at {address} ({words}), expected its address, such as tcp://host:8786"
-        ) from error
+        raise ProblemError(_missing(address, error)) from error
     with client:
         client.register_plugin(Carrier(files))
         yield client.get_executor(pure=False)
+
+
+def _missing(address: str, error: Exception) -> str:
+    words = " ".join(str(error).split())
+    return f"--scheduler: found no Dask scheduler at {address} ({words}), expected its address, such as tcp://host:8786"
