@@ -283,6 +283,30 @@ def study(
 
 
 @commands.command()
+@_file
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder for table and chart; results/<name of FILE>_sensitivity where left out.",
+)
+@_as_json
+def sensitivity(file: Path, folder: Path | None, as_json: bool) -> int:
+    """Say what moves the worst clearance of FILE most, per millimetre, degree and percent.
+
+    FILE is a problem, or a study, whose tolerances are then weighed in.
+
+    \b
+    harness-opt sensitivity problems/lift_arm/lift_arm.toml
+    """
+    from .sensitivity_command import run_sensitivity
+
+    return run_sensitivity(file, folder, as_json, VOICE)
+
+
+@commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 def show(folder: Path) -> int:
     """Show the result in DIR in a window, to turn about and to scrub along the motion.

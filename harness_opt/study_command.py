@@ -46,6 +46,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
         ProblemError: bad input, a folder that cannot be written, a scheduler that is not there.
     """
     begin = time.perf_counter()
+    from .folders import check_own
     from .studies import plan, run
     from .study_file import read_study
     from .study_store import Store
@@ -55,7 +56,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     study = read_study(file)
     planned = plan(study.problem, study.variations, study.command)
     folder = asked.folder or Path("results") / file.stem
-    _check_folder(folder)
+    check_own(folder, STORE)
     results: list[VariantResult] = []
     broken = ""
     with Interrupts(voice.warn, STOPPING) as interrupts, _executor(asked, planned.shared) as executor:
@@ -77,16 +78,6 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     if interrupts.asked:
         return INTERRUPTED
     return UNSOLVED if broken else EXIT[content["status"]]
-
-
-def _check_folder(folder: Path) -> None:
-    """Raise ProblemError where ``folder`` holds something else than a study."""
-    from .result_folder import check_target
-
-    if not (folder / STORE).is_file():
-        check_target(folder)
-        if folder.exists() and any(folder.iterdir()):
-            raise ProblemError(f"{folder}: found the results of another command, expected a folder for a study")
 
 
 @contextlib.contextmanager

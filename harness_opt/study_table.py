@@ -78,7 +78,7 @@ def write_tables(folder: Path, results: Sequence[VariantResult]) -> list[str]:
         ProblemError: the disk refuses.
     """
     table = columns(results)
-    _put(folder / CSV, csv_text(table).encode())
+    write_bytes(folder / CSV, csv_text(table).encode())
     if importlib.util.find_spec("pyarrow") is None:
         return [CSV]
     import pyarrow
@@ -88,7 +88,7 @@ def write_tables(folder: Path, results: Sequence[VariantResult]) -> list[str]:
              for name, column in table.items()}  # fmt: skip
     content = io.BytesIO()
     parquet.write_table(pyarrow.table({name: _alike(column) for name, column in mixed.items()}), content)
-    _put(folder / PARQUET, content.getvalue())
+    write_bytes(folder / PARQUET, content.getvalue())
     return [CSV, PARQUET]
 
 
@@ -108,11 +108,15 @@ def write_json(file: Path, content: Json) -> None:
     Raises:
         ProblemError: the disk refuses.
     """
-    _put(file, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+    write_bytes(file, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
 
 
-def _put(file: Path, content: bytes) -> None:
-    """Put ``content`` in the place of ``file`` in one step."""
+def write_bytes(file: Path, content: bytes) -> None:
+    """Put ``content`` in the place of ``file`` in one step.
+
+    Raises:
+        ProblemError: the disk refuses.
+    """
     aside = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
         aside.write_bytes(content)
