@@ -19,12 +19,13 @@ from .boundary import Case, case
 from .clearance import ClearanceResult, PairClearance, measure
 from .clearance_search import Witnesses
 from .errors import ProblemError, SolveError
+from .file_quantities import Quantity, differentiable
 from .limits import limit_label
 from .linearised import at_stations, linearised
 from .motion import collect
 from .path import place_frames
 from .problem import Problem
-from .quantities import Quantities, Quantity
+from .quantities import Quantities
 from .results import CableMotion, Motion
 from .rod import scale
 from .rotations import Array
@@ -36,7 +37,6 @@ from .transcriptions.collocation import BoundCollocation, collocation
 
 STEP = 1e-5  # of a key, in its own scale: turns no section by more than that, and leaves eleven digits of a difference
 AT = 1e-6  # of the length: a place that close to the end of a stretch is that end
-STILL = ("motion", "limits", "design")  # sections whose keys move no shape
 
 
 @dataclass(frozen=True)
@@ -146,16 +146,6 @@ def _limit_of(problem: Problem, name: str) -> float:
 
 
 # --- a key, a little more and less ---------------------------------------------------------------------
-
-
-def differentiable(quantity: Quantity) -> bool:
-    """Return whether margins have a derivative by ``quantity``: a number that moves a shape or a place."""
-    if quantity.change:
-        return True
-    number = isinstance(quantity.value, (int, float)) and not isinstance(quantity.value, bool)
-    part = quantity.path[0] == "parts" and quantity.path[-1] not in ("position", "quaternion")
-    whole = quantity.path[-1] == "turns"
-    return number and quantity.path[0] not in STILL and not whole and not part
 
 
 def _sides(quantities: Quantities, quantity: Quantity, problem: Problem) -> _Sides:

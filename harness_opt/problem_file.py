@@ -23,6 +23,7 @@ from . import file_schema, rotations
 from .body_motion import BodyMotion, Hinge, Poses, Slide
 from .errors import ProblemError
 from .file_checks import SIDES, Tree, located, mistakes_between, table, unreadable, value
+from .file_quantities import robust_mistakes
 from .file_schema import schema
 from .file_values import Mistake, dotted, shown
 from .file_writer import problem_text
@@ -42,10 +43,12 @@ from .problem import (
     MeshFile,
     Part,
     Problem,
+    Robust,
     Shape,
     Sphere,
     Variable,
 )
+from .tolerance_table import tolerance
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 
@@ -137,6 +140,8 @@ def problem_from(raw: Mapping[str, Any], file: Path, pending: Mapping[Path, byte
     motions, wrong = _motions(tree, folder, pending or {})
     mistakes += wrong
     mistakes += _reach(tree, motions)
+    if tables is not None and tables.robust is not None:
+        mistakes += robust_mistakes(tables, tables.robust)
     if mistakes or tables is None:
         raise ProblemError(f"{file}: {dotted(path)}: {words}" for path, words in mistakes)
     return Problem(
@@ -146,6 +151,7 @@ def problem_from(raw: Mapping[str, Any], file: Path, pending: Mapping[Path, byte
         gravity=tables.gravity,
         limits=_limits(tables.limits),
         design=_design(tables.design),
+        robust=_robust(tables.robust),
         duration=tables.motion.duration,
         out_and_back=tables.motion.out_and_back,
         spatial_step=tables.motion.spatial_step,
@@ -318,3 +324,10 @@ def _limits(limits: file_schema.LimitsTable) -> Limits:
 def _design(design: file_schema.DesignTable) -> Design:
     variables = tuple(Variable(name, lower, upper) for name, (lower, upper) in design.variables.items())
     return Design(design.minimise, variables)
+
+
+def _robust(robust: file_schema.RobustTable | None) -> Robust | None:
+    if robust is None:
+        return None
+    tolerances = {key: tolerance(spread.model_dump()) for key, spread in robust.tolerances.items()}
+    return Robust(tolerances, robust.hold, robust.share, robust.samples, robust.seed)

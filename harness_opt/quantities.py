@@ -1,18 +1,11 @@
-"""Every quantity of a problem file by its key, read from and set in the file's tables.
-
-A key is the path of a value in the file, joined by dots: ``cables.lead.length``, ``parts.bracket.position.z``,
-``bodies.arm.motion.to_deg``. Vectors have components (``.x``, ``.y``, ``.z``; a quaternion also ``.w``; other lists
-``.0``, ``.1``). Beside the keys of the file stand changes that no single key makes, all 0 as given:
-``cables.NAME.start.rotate_x_deg`` turns a clamp about its own d1, d2 (y) or d3 (z), ``parts.NAME.rotate_x_deg`` a part
-about its own axes, ``cables.NAME.stiffness_percent`` makes a cable stiffer in bending and torsion alike, and
-``cables.NAME.weight_percent`` heavier.
-"""
+"""The quantities of one problem, read from and set in the tables of its file; ``file_quantities`` has their keys."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,44 +13,17 @@ import numpy as np
 
 from . import design_variables, rotations
 from .errors import ProblemError
-from .file_checks import SIDES, mistakes_between
+from .file_checks import mistakes_between, unreadable
+from .file_quantities import PERCENT, TURNS, Quantity, known, unknown
 from .file_schema import ProblemTable, structured
-from .file_values import KeyPath, dotted, one_of
+from .file_values import KeyPath, dotted
+from .file_writer import problem_text
 from .problem import Design, Part, Problem, Variable
-from .problem_file import problem_from
+from .problem_file import parse_problem, problem_from, toml_tables
 
 Tree = dict[str, Any]
 
-COMPONENTS = {3: "xyz", 4: "wxyz"}  # names of the entries of a list, by its length; others are numbered
-STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
-WEIGHTS = ("density", "mass_per_length")  # one of the two is given, or none
-TURNS = {f"rotate_{letter}_deg": axis for axis, letter in enumerate("xyz")}
-PERCENT = {"stiffness_percent": STIFFNESSES, "weight_percent": WEIGHTS}
-FIXED = ("schema", "title")  # keys that no study varies
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """One quantity of a problem file.
-
-    Args:
-        key: what a user types.
-        path: of the value in the file; of the table that it changes, where ``change`` names one.
-        value: as given; None where the file leaves it out and has no default for it.
-        component: which entry of the list at ``path``; None for all of it.
-        change: "rotate_x_deg" and the like, "stiffness_percent" or "weight_percent"; empty for a value of the file.
-    """
-
-    key: str
-    path: KeyPath
-    value: Any
-    component: int | None = None
-    change: str = ""
-
-    @property
-    def unit(self) -> str:
-        """The unit of small changes: "deg", "percent", or that of the key in SI units, empty."""
-        return "deg" if self.key.endswith("_deg") else "percent" if self.change in PERCENT else ""
+UNNAMED = "problem.toml"  # where a problem that was in no file would lie
 
 
 class Quantities(Mapping[str, Quantity]):
@@ -74,8 +40,7 @@ class Quantities(Mapping[str, Quantity]):
     def __init__(self, tree: Tree, file: Path):
         self.tree, self.file = tree, file
         problem_from(tree, file)  # says what is wrong with the file, if anything
-        full = ProblemTable.model_validate(tree).model_dump(by_alias=True)
-        self._known = {quantity.key: quantity for quantity in (*_values(full), *_changes(full))}
+        self._known = known(ProblemTable.model_validate(tree))
 
     def __getitem__(self, key: str) -> Quantity:
         """Return the quantity called ``key``.
@@ -84,7 +49,7 @@ class Quantities(Mapping[str, Quantity]):
             ProblemError: there is none; the nearest is named.
         """
         if key not in self._known:
-            raise ProblemError(f"{key}: found an unknown key, expected {self._nearest(key)}")
+            raise ProblemError(f"{key}: {unknown(self._known, key)}")
         return self._known[key]
 
     def __iter__(self) -> Iterator[str]:
@@ -92,13 +57,6 @@ class Quantities(Mapping[str, Quantity]):
 
     def __len__(self) -> int:
         return len(self._known)
-
-    def _nearest(self, key: str) -> str:
-        """Return what to type in the place of ``key``; the whole list would fill the screen."""
-        forms = "a key of the problem such as cables.NAME.length, parts.NAME.position.z or cables.NAME.end.rotate_x_deg"
-        asked = key if key.startswith(("cables.", "parts.", "bodies.")) else f"cables.{key}"
-        nearest = one_of(self._known, asked).partition("; ")[2]
-        return f"{forms}; {nearest}" if nearest else forms
 
     # -- setting -----------------------------------------------------------------------------------------------
 
@@ -150,41 +108,29 @@ class Quantities(Mapping[str, Quantity]):
         return [f"{dotted(path)}: {words}" for path, words in (*wrong, *mistakes_between(tree, self.file.parent))]
 
 
-# --- finding -------------------------------------------------------------------------------------------
+def quantities_of(problem: Problem | str | os.PathLike[str]) -> Quantities:
+    """Return the quantities of a problem by the keys of its file, or of the file that it would be written to.
 
-
-def _values(full: Any, path: KeyPath = ()) -> Iterator[Quantity]:
-    """Yield the quantities that are values of the file, and the components of lists."""
-    for name, value in full.items():
-        here = (*path, name)
-        if here[0] in FIXED:
-            continue
-        if path:
-            yield Quantity(dotted(here), here, value)
-        if isinstance(value, Mapping):
-            yield from _values(value, here)
-        elif isinstance(value, (list, tuple)):
-            names = COMPONENTS.get(len(value), [str(i) for i in range(len(value))])
-            for i, (letter, entry) in enumerate(zip(names, value, strict=True)):
-                yield Quantity(f"{dotted(here)}.{letter}", here, entry, i)
-            if not path:
-                yield Quantity(dotted(here), here, value)
-
-
-def _changes(full: Any) -> Iterator[Quantity]:
-    """Yield the changes that no single key makes."""
-    for name, cable in full["cables"].items():
-        path = ("cables", name)
-        for change, keys in PERCENT.items():
-            if any(cable[key] for key in keys):
-                yield Quantity(dotted((*path, change)), path, 0.0, change=change)
-        for side in SIDES:
-            if cable[side]["quaternion"] is not None or cable[side]["tangent"] is not None:
-                for turn in TURNS:
-                    yield Quantity(dotted((*path, side, turn)), (*path, side), 0.0, change=turn)
-    for name in full["parts"]:
-        for turn in TURNS:
-            yield Quantity(dotted(("parts", name, turn)), ("parts", name), 0.0, change=turn)
+    Raises:
+        ProblemError: no such file, or one with mistakes; a table of poses that is in no file.
+    """
+    if not isinstance(problem, Problem):
+        file = Path(problem)
+        why = unreadable(file)
+        if why:
+            raise ProblemError(f"{file}: found {why}, expected a problem file")
+        return Quantities(toml_tables(file.read_bytes(), file), file)
+    file = problem.file or Path.cwd() / UNNAMED
+    if problem.sha256 is not None and not unreadable(file):
+        content = file.read_bytes()
+        # its own words, such as density, where it is still what the file says
+        if hashlib.sha256(content).hexdigest() == problem.sha256 and parse_problem(content, file) == problem:
+            return Quantities(toml_tables(content, file), file)
+    text, pending = problem_text(problem, file)
+    if pending:
+        names = ", ".join(path.name for path in pending)
+        raise ProblemError(f"bodies: found motions in no file ({names}), expected those of a problem that was written")
+    return Quantities(toml_tables(text.encode(), file), file)
 
 
 # --- setting -------------------------------------------------------------------------------------------

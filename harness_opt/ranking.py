@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .file_quantities import Quantity
 from .influence import Linear
 from .limits import limit_label
-from .quantities import Quantity
 from .report import FILE_WORDS
 from .tolerances import Tolerance
 

@@ -84,10 +84,10 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
 def _subject(file: Path) -> _Subject:
     """Return what a file asks about: the usual quantities of a problem, or those that a study varies."""
     from .file_checks import unreadable
-    from .influence import differentiable, usual
+    from .file_quantities import differentiable
+    from .influence import usual
     from .problem_file import toml_tables
-    from .quantities import Quantities
-    from .studies import quantities_of
+    from .quantities import Quantities, quantities_of
     from .study_file import read_study
     from .tolerances import Tolerance
     from .variations import expand

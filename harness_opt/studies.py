@@ -7,7 +7,6 @@ goes on where it was, and it does not matter which worker runs what.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
@@ -16,19 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ProblemError
-from .file_checks import unreadable
 from .file_values import one_of, shown
-from .file_writer import problem_text
 from .problem import Problem
-from .problem_file import parse_problem, toml_tables
-from .quantities import Quantities
+from .quantities import Quantities, quantities_of
 from .study_store import Store
 from .variant_run import LOST, VariantResult, run_variant
 from .variations import Values, Variations, expand
 from .workbench import COMMANDS, Command, Shared
 from .workers import Crew, Finished
-
-UNNAMED = "problem.toml"  # where a problem that was in no file would lie
 
 
 @dataclass(frozen=True)
@@ -62,31 +56,6 @@ def plan(
     variants = tuple(expand(quantities, variations))
     shared = Shared.of(quantities, variants, command)
     return Plan(quantities, variants, shared, tuple(shared.key(values) for values in variants))
-
-
-def quantities_of(problem: Problem | str | os.PathLike[str]) -> Quantities:
-    """Return the quantities of a problem by the keys of its file, or of the file that it would be written to.
-
-    Raises:
-        ProblemError: no such file, or one with mistakes; a table of poses that is in no file.
-    """
-    if not isinstance(problem, Problem):
-        file = Path(problem)
-        why = unreadable(file)
-        if why:
-            raise ProblemError(f"{file}: found {why}, expected a problem file")
-        return Quantities(toml_tables(file.read_bytes(), file), file)
-    file = problem.file or Path.cwd() / UNNAMED
-    if problem.sha256 is not None and not unreadable(file):
-        content = file.read_bytes()
-        # its own words, such as density, where it is still what the file says
-        if hashlib.sha256(content).hexdigest() == problem.sha256 and parse_problem(content, file) == problem:
-            return Quantities(toml_tables(content, file), file)
-    text, pending = problem_text(problem, file)
-    if pending:
-        names = ", ".join(path.name for path in pending)
-        raise ProblemError(f"bodies: found motions in no file ({names}), expected those of a problem that was written")
-    return Quantities(toml_tables(text.encode(), file), file)
 
 
 def study(

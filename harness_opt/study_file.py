@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,29 +13,22 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from .errors import ProblemError
 from .file_checks import unreadable
-from .file_schema import Table, structured
-from .file_values import Expected, Number, Positive, Text, Whole, dotted, one_of, only_integer, shown
+from .file_schema import structured
+from .file_table import Table
+from .file_values import Expected, Number, Text, Whole, dotted, one_of, only_integer, shown
 from .problem_file import toml_tables
-from .tolerances import DISTRIBUTIONS, Tolerance
+from .tolerance_table import WIDTHS, ToleranceTable, tolerance
+from .tolerances import Tolerance
 from .variations import METHODS, Variations
 from .workbench import COMMANDS, Command
 
-SPREADS = ("plus_minus", "plus_minus_percent", "deviation", "deviation_percent", "from", "to", "values")
+SPREADS = (*WIDTHS, "distribution", "nominal", "from", "to", "count", "values")
 COUNT_MOST = 1_000_000  # values of one key
 
 
-class SpreadTable(Table):
+class SpreadTable(ToleranceTable):
     """What one key is varied by."""
 
-    distribution: Annotated[Literal["uniform", "normal", "triangular"], Expected(one_of(DISTRIBUTIONS))] | None = Field(
-        default=None, description='"uniform" where left out, "normal" where a deviation is given.'
-    )
-    plus_minus: Positive | None = Field(default=None, description="Half of the tolerance, in the key's unit.")
-    plus_minus_percent: Positive | None = Field(default=None, description="The same, in percent of the nominal value.")
-    deviation: Positive | None = Field(
-        default=None, description="Standard deviation of a normal distribution, cut off at plus_minus or at four of it."
-    )
-    deviation_percent: Positive | None = Field(default=None, description="The same, in percent of the nominal value.")
     nominal: Number | None = Field(default=None, description="The middle; the problem's own value where left out.")
     from_: Number | None = Field(default=None, alias="from", description="Smallest value.")
     to: Number | None = Field(default=None, description="Largest value.")
@@ -130,55 +123,23 @@ def _spread(given: SpreadTable) -> Tolerance | list[Any]:
     """
     content = given.model_dump(by_alias=True)
     named = {key for key in SPREADS if content[key] is not None}
-    if named == {"values"} and not given.distribution and given.count is None and given.nominal is None:
+    if named == {"values"}:
         return list(given.values or ())
-    if named == {"from", "to"} and given.count is not None and not given.distribution and given.nominal is None:
-        if not 1 < given.count <= COUNT_MOST:
-            raise ProblemError(f"count: found {given.count}, expected at least 2, at most {COUNT_MOST:,}")
-        return np.linspace(given.from_, given.to, given.count).tolist()  # type: ignore[arg-type]
-    return tolerance(content)
-
-
-def tolerance(content: Mapping[str, Any]) -> Tolerance:
-    """Return the distribution that a table describes.
-
-    Args:
-        content: by key of the file; None stands for what is left out.
-
-    Raises:
-        ProblemError: none, or several at once.
-    """
-    named = {key for key in SPREADS if content.get(key) is not None}
-    mistakes = list(_misfits(content, named))
-    if mistakes:
-        raise ProblemError(mistakes)
-    distribution: Any = content.get("distribution")
-    nominal = content.get("nominal")
-    if named == {"from", "to"}:
-        middle, half = 0.5 * (content["from"] + content["to"]), 0.5 * (content["to"] - content["from"])
-        return Tolerance(half, distribution=distribution or "uniform", nominal=middle)
-    percent = any(key.endswith("_percent") for key in named)
-    ending = "_percent" if percent else ""
-    half, deviation = content.get(f"plus_minus{ending}"), content.get(f"deviation{ending}")
-    if half is None:
-        return Tolerance.normal(deviation, percent=percent, nominal=nominal)  # type: ignore[arg-type]
-    distribution = distribution or ("uniform" if deviation is None else "normal")
-    return Tolerance(half, percent, distribution, deviation, nominal)
-
-
-def _misfits(content: Mapping[str, Any], named: set[str]) -> Iterator[str]:
-    """Yield what does not go together in the table of a distribution."""
-    whole = {"plus_minus", "deviation"}
-    if named == {"from", "to"}:
+    if named == {"from", "to", "count"}:
+        return _range(content)
+    if named in ({"from", "to"}, {"from", "to", "distribution"}):
         if not content["from"] < content["to"]:
-            yield f"from: found {shown(content['from'])}, expected a value below to, {shown(content['to'])}"
-        if content.get("nominal") is not None:
-            yield "nominal: found from and to as well, which have their own middle"
-    elif not named or not (named <= whole or named <= {f"{key}_percent" for key in whole}):
-        found = " and ".join(sorted(named)) or "no spread"
-        words = "plus_minus or deviation, both alike in percent or not, or from and to, or values"
-        yield f"found {found}, expected {words}"
-    elif content.get("distribution") in ("uniform", "triangular") and named & {"deviation", "deviation_percent"}:
-        yield f'distribution: found {shown(content["distribution"])} with a deviation, expected "normal"'
-    if content.get("count") is not None:
-        yield "count: found one of a distribution, expected it with from and to of a grid"
+            raise ProblemError(f"from: found {shown(content['from'])}, expected a value below to, {shown(given.to)}")
+        middle, half = 0.5 * (content["from"] + content["to"]), 0.5 * (content["to"] - content["from"])
+        return Tolerance(half, distribution=given.distribution or "uniform", nominal=middle)
+    if named & {"values", "from", "to", "count"}:
+        words = "plus_minus or deviation, or from and to, or these and count for a grid, or values"
+        raise ProblemError(f"found {' and '.join(sorted(named))}, expected {words}")
+    return tolerance(content, given.nominal)
+
+
+def _range(content: Mapping[str, Any]) -> list[float]:
+    """Return the values of a grid, the ends included."""
+    if not 1 < content["count"] <= COUNT_MOST:
+        raise ProblemError(f"count: found {content['count']}, expected at least 2, at most {COUNT_MOST:,}")
+    return np.linspace(content["from"], content["to"], content["count"]).tolist()

@@ -11,8 +11,9 @@ from typing import Any, Literal
 import numpy as np
 
 from .errors import ProblemError
+from .file_quantities import Quantity
 from .file_values import dotted, one_of, shown
-from .quantities import Quantities, Quantity
+from .quantities import Quantities
 from .rotations import Array
 from .tolerances import Tolerance
 

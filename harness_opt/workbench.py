@@ -27,6 +27,7 @@ from .scene import Scene, load_scene
 
 Command = Literal["simulate", "redesign"]
 COMMANDS = ("simulate", "redesign")
+SILENT = ("title",)  # sections that no result depends on
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,8 @@ class Shared:
         names |= {name for values in varied for _, _, name in _files(quantities.changed(values))}
         folder = quantities.file.parent
         hashes = tuple((name, sha256(located(folder, name))) for name in sorted(names))
-        return cls(json.dumps(quantities.tree, sort_keys=True), str(quantities.file), hashes, command, version())
+        told = {key: value for key, value in quantities.tree.items() if key not in SILENT}
+        return cls(json.dumps(told, sort_keys=True), str(quantities.file), hashes, command, version())
 
     def key(self, values: Mapping[str, Any]) -> str:
         """Return what names a variant: the sha256 of all that its result depends on, but for where files lie."""

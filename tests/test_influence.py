@@ -15,12 +15,13 @@ import harness_opt as ho
 from harness_opt.clearance import measure
 from harness_opt.cli import main
 from harness_opt.errors import ProblemError
-from harness_opt.influence import differentiable, key_scale, linear, usual
+from harness_opt.file_quantities import differentiable
+from harness_opt.influence import key_scale, linear, usual
 from harness_opt.limits import limit_label
 from harness_opt.problem import Problem
+from harness_opt.quantities import quantities_of
 from harness_opt.ranking import ranked, step_of, tightest, worst_margin
 from harness_opt.scene import load_scene
-from harness_opt.studies import quantities_of
 
 SCENE = """\
 schema = 1

@@ -318,7 +318,7 @@ def test_spreads_of_a_study_file(here):
         ),
         ("{ plus_minus = 0.01 }", "{ from = 2, to = 1 }", "from: found 2.0, expected a value below to"),
         ("{ plus_minus = 0.01 }", "{ from = 1, to = 2, count = 1 }", "count: found 1, expected at least 2"),
-        ("{ plus_minus = 0.01 }", "{ deviation = 1, count = 4 }", "count: found one of a distribution"),
+        ("{ plus_minus = 0.01 }", "{ deviation = 1, count = 4 }", "found count and deviation, expected plus_minus"),
         (
             "deviation = 15",
             'deviation = 15, distribution = "uniform"',
