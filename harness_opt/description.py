@@ -12,6 +12,7 @@ import numpy as np
 from . import rotations
 from .body_motion import Hinge, Slide
 from .path import left_out, place_frames
+from .plausibility import doubts
 from .problem import WORLD, Body, CableRun, End, MeshFile, Part, Problem
 from .rotations import Array
 from .scene import Geometry, Mesh, Scene
@@ -44,7 +45,7 @@ def facts(problem: Problem, scene: Scene) -> Json:
         "design": {v.name: [v.lower, v.upper] for v in problem.design.variables},
         "minimise": problem.design.minimise,
         "left_out": _reasons(problem),
-        "warnings": list(scene.warnings),
+        "warnings": [*doubts(problem), *scene.warnings],
     }
 
 

@@ -17,6 +17,7 @@ from .file_table import Table, TableKind
 from .file_values import (
     Bending,
     Bounds,
+    Digest,
     Direction,
     Expected,
     Flag,
@@ -135,6 +136,10 @@ class PosesTable(Table):
     file: Text = Field(
         description="CSV with the header t,x,y,z,qw,qx,qy,qz (s, m, unit quaternion), relative to this file."
     )
+    file_sha256: Digest | None = Field(
+        default=None,
+        description="SHA-256 of the table; with it, the table may lie outside this file's folder.",
+    )
 
 
 MotionTable = Annotated[HingeTable | SlideTable | PosesTable, Field(discriminator="kind")]
@@ -182,7 +187,7 @@ class PartTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [{"required": [shape]} for shape in PART_SHAPES],
-            "dependentRequired": {"mesh_unit": ["mesh"], "shell": ["mesh"]},
+            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell")},
             "if": {
                 "required": ["mesh"],
                 "properties": {"mesh": {"pattern": r"\.([sS][tT][lL]|[oO][bB][jJ]|[pP][lL][yY])$"}},
@@ -196,6 +201,10 @@ class PartTable(Table):
     mesh_unit: MeshUnit | None = Field(
         default=None,
         description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
+    )
+    mesh_sha256: Digest | None = Field(
+        default=None,
+        description="SHA-256 of the mesh; with it, the mesh may lie outside this file's folder.",
     )
     shell: bool = Field(
         default=False,

@@ -5,21 +5,23 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from . import design_variables, rotations
+from .body_motion import Poses
 from .errors import ProblemError
-from .file_checks import mistakes_between, unreadable
+from .file_checks import mistakes_between
+from .file_places import Places
 from .file_quantities import PERCENT, TURNS, Quantity, known, unknown
 from .file_schema import ProblemTable, structured
 from .file_values import KeyPath, dotted
 from .file_writer import problem_text
-from .problem import Design, Part, Problem, Variable
-from .problem_file import parse_problem, problem_from, toml_tables
+from .problem import Design, MeshFile, Part, Problem, Variable
+from .problem_file import content_of, parse_problem, problem_from, toml_tables
 
 Tree = dict[str, Any]
 
@@ -32,14 +34,16 @@ class Quantities(Mapping[str, Quantity]):
     Args:
         tree: its tables, as TOML has them.
         file: where they lie, or would lie; paths inside start at its folder.
+        folders: from which it may read meshes and tables beside its own folder.
 
     Raises:
         ProblemError: the file has mistakes.
     """
 
-    def __init__(self, tree: Tree, file: Path):
+    def __init__(self, tree: Tree, file: Path, folders: Iterable[str | os.PathLike[str]] = ()):
         self.tree, self.file = tree, file
-        problem_from(tree, file)  # says what is wrong with the file, if anything
+        self.places = Places.around(file.parent, folders)
+        problem_from(tree, self.places, file)  # says what is wrong with the file, if anything
         self._known = known(ProblemTable.model_validate(tree))
 
     def __getitem__(self, key: str) -> Quantity:
@@ -92,7 +96,7 @@ class Quantities(Mapping[str, Quantity]):
             ProblemError: an unknown key, or what the file would be refused for.
         """
         tree = self.changed(values)
-        problem = problem_from(placed(tree) if placed else tree, self.file)
+        problem = problem_from(placed(tree) if placed else tree, self.places, self.file)
         turns = [(self[key], float(value)) for key, value in values.items() if self[key].change in TURNS]
         return _turned(problem, turns) if turns else problem
 
@@ -105,32 +109,45 @@ class Quantities(Mapping[str, Quantity]):
             _, tree, wrong = structured(self.changed(values))
         except ProblemError as error:
             return list(error.mistakes)
-        return [f"{dotted(path)}: {words}" for path, words in (*wrong, *mistakes_between(tree, self.file.parent))]
+        return [f"{dotted(path)}: {words}" for path, words in (*wrong, *mistakes_between(tree, self.places))]
 
 
-def quantities_of(problem: Problem | str | os.PathLike[str]) -> Quantities:
+def quantities_of(
+    problem: Problem | str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()
+) -> Quantities:
     """Return the quantities of a problem by the keys of its file, or of the file that it would be written to.
+
+    Args:
+        problem: or the path of its file.
+        folders: from which a file may read meshes and tables beside its own folder.
 
     Raises:
         ProblemError: no such file, or one with mistakes; a table of poses that is in no file.
     """
     if not isinstance(problem, Problem):
         file = Path(problem)
-        why = unreadable(file)
-        if why:
-            raise ProblemError(f"{file}: found {why}, expected a problem file")
-        return Quantities(toml_tables(file.read_bytes(), file), file)
+        return Quantities(toml_tables(content_of(file, "a problem file"), file), file, folders)
     file = problem.file or Path.cwd() / UNNAMED
-    if problem.sha256 is not None and not unreadable(file):
-        content = file.read_bytes()
+    granted = {path.parent for path in _inputs(problem)}
+    if problem.sha256 is not None and file.is_file():
+        content = content_of(file, "a problem file")
         # its own words, such as density, where it is still what the file says
-        if hashlib.sha256(content).hexdigest() == problem.sha256 and parse_problem(content, file) == problem:
-            return Quantities(toml_tables(content, file), file)
+        unchanged = hashlib.sha256(content).hexdigest() == problem.sha256
+        if unchanged and parse_problem(content, Places.around(file.parent, granted), file) == problem:
+            return Quantities(toml_tables(content, file), file, granted)
     text, pending = problem_text(problem, file)
     if pending:
         names = ", ".join(path.name for path in pending)
         raise ProblemError(f"bodies: found motions in no file ({names}), expected those of a problem that was written")
-    return Quantities(toml_tables(text.encode(), file), file)
+    return Quantities(toml_tables(text.encode(), file), file, granted)
+
+
+def _inputs(problem: Problem) -> Iterator[Path]:
+    """Yield the files that a problem was allowed to read when it was made."""
+    yield from (part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile))
+    for body in problem.bodies.values():
+        if isinstance(body.motion, Poses) and body.motion.file is not None:
+            yield body.motion.file
 
 
 # --- setting -------------------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ class _Subject:
     tolerances: Mapping[str, Tolerance]
 
 
-def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice) -> int:
+def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice, folders: Sequence[Path] = ()) -> int:
     """Write and tell how far the quantities of ``file`` move its limits; return the exit code.
 
     Args:
@@ -41,6 +41,7 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
         folder: for table and chart; None is results/<name of the file>_sensitivity.
         as_json: print the table as JSON.
         voice: what the user is told by.
+        folders: where files may come from beside the problem's own.
 
     Raises:
         ProblemError: bad input, or a folder that cannot be written.
@@ -54,7 +55,7 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
 
     folder = folder or Path("results") / f"{file.stem}_sensitivity"
     check_own(folder, TABLE)
-    subject = _subject(file)
+    subject = _subject(file, folders)
     try:
         found = linear(subject.quantities, subject.keys, load_scene(subject.quantities.problem({})))
     except SolveError as error:
@@ -81,25 +82,21 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
     return 0
 
 
-def _subject(file: Path) -> _Subject:
+def _subject(file: Path, folders: Sequence[Path]) -> _Subject:
     """Return what a file asks about: the usual quantities of a problem, or those that a study varies."""
-    from .file_checks import unreadable
     from .file_quantities import differentiable
     from .influence import usual
-    from .problem_file import toml_tables
+    from .problem_file import content_of, toml_tables
     from .quantities import Quantities, quantities_of
     from .study_file import read_study
     from .tolerances import Tolerance
     from .variations import expand
 
-    why = unreadable(file)
-    if why:
-        raise ProblemError(f"{file}: found {why}, expected a problem file or a study file")
-    if "method" not in toml_tables(file.read_bytes(), file):
-        given = quantities_of(file)
+    if "method" not in toml_tables(content_of(file, "a problem file or a study file"), file):
+        given = quantities_of(file, folders)
         return _Subject(given, list(usual(given)), {})
     study = read_study(file)
-    given = quantities_of(study.problem)
+    given = quantities_of(study.problem, folders)
     expand(given, study.variations)  # says what is wrong with the study, if anything
     spreads = {
         key: spread
@@ -109,7 +106,7 @@ def _subject(file: Path) -> _Subject:
     if not spreads:
         raise ProblemError(f"{file}: vary: found no distribution of a number, expected one for a sensitivity")
     middle = {key: spread.nominal for key, spread in spreads.items() if spread.nominal is not None}
-    return _Subject(Quantities(given.changed(middle), given.file), list(spreads), spreads)
+    return _Subject(Quantities(given.changed(middle), given.file, given.places.others), list(spreads), spreads)
 
 
 def _scaled(effect: Effect, factor: float) -> Effect:

@@ -43,7 +43,7 @@ class Plan:
 
 
 def plan(
-    problem: Problem | str | os.PathLike[str],
+    problem: Quantities | Problem | str | os.PathLike[str],
     variations: Variations | Iterable[Mapping[str, Any]],
     command: Command = "simulate",
 ) -> Plan:
@@ -52,7 +52,7 @@ def plan(
         raise ProblemError(f"command: found {shown(command)}, expected {one_of(COMMANDS, command)}")
     if not isinstance(variations, Variations):
         variations = Variations("list", variants=tuple(variations))
-    quantities = quantities_of(problem)
+    quantities = problem if isinstance(problem, Quantities) else quantities_of(problem)
     variants = tuple(expand(quantities, variations))
     shared = Shared.of(quantities, variants, command)
     return Plan(quantities, variants, shared, tuple(shared.key(values) for values in variants))

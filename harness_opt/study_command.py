@@ -30,6 +30,7 @@ class Asked:
         workers: processes; None takes all cores.
         scheduler: address of a Dask scheduler, or None.
         as_json, quiet: what to show.
+        folders: where files may come from beside the problem's own.
     """
 
     folder: Path | None
@@ -37,6 +38,7 @@ class Asked:
     scheduler: str | None
     as_json: bool
     quiet: bool
+    folders: tuple[Path, ...] = ()
 
 
 def run_study(file: Path, asked: Asked, voice: Voice) -> int:
@@ -47,6 +49,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     """
     begin = time.perf_counter()
     from .folders import check_own
+    from .quantities import quantities_of
     from .studies import plan, run
     from .study_file import read_study
     from .study_store import Store
@@ -54,12 +57,12 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     from .workers import Crew
 
     study = read_study(file)
-    planned = plan(study.problem, study.variations, study.command)
+    planned = plan(quantities_of(study.problem, asked.folders), study.variations, study.command)
     folder = asked.folder or Path("results") / file.stem
     check_own(folder, STORE)
     results: list[VariantResult] = []
     broken = ""
-    with Interrupts(voice.warn, STOPPING) as interrupts, _executor(asked, planned.shared) as executor:
+    with Interrupts(voice.warn, words=STOPPING) as interrupts, _executor(asked, planned.shared) as executor:
         crew = Crew(run_variant, executor, asked.workers, lambda: interrupts.asked)
         with progress_for(interrupts, None if asked.quiet else sys.stderr, "done") as progress:
             try:

@@ -12,11 +12,11 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from .errors import ProblemError
-from .file_checks import unreadable
+from .file_places import unreadable
 from .file_schema import structured
 from .file_table import Table
 from .file_values import Expected, Number, Text, Whole, dotted, one_of, only_integer, shown
-from .problem_file import toml_tables
+from .problem_file import MOST_BYTES, content_of, toml_tables
 from .tolerance_table import WIDTHS, ToleranceTable, tolerance
 from .tolerances import Tolerance
 from .variations import METHODS, Variations
@@ -90,14 +90,11 @@ def read_study(path: str | os.PathLike[str]) -> StudyFile:
         ProblemError: one line a mistake, as of a problem file.
     """
     file = Path(path)
-    why = unreadable(file)
-    if why:
-        raise ProblemError(f"{file}: found {why}, expected a study file")
-    tables, _, wrong = structured(toml_tables(file.read_bytes(), file), StudyTable)
+    tables, _, wrong = structured(toml_tables(content_of(file, "a study file"), file), StudyTable)
     mistakes = [f"{dotted(path)}: {words}" for path, words in wrong]
     if tables is not None:
         problem = file.parent / tables.problem
-        why = unreadable(problem)
+        why = unreadable(problem, MOST_BYTES)
         if why:
             mistakes.append(f"problem: found {shown(tables.problem)}, {why}, expected a problem file")
         vary: dict[str, Any] = {}

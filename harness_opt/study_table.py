@@ -6,7 +6,6 @@ import csv
 import importlib.util
 import io
 import json
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from .errors import ProblemError
 from .tables import UNITS, percent
 from .variant_run import STATUSES, VariantResult
+from .whole_folder import write_whole
 
 CSV, PARQUET = "variants.csv", "variants.parquet"
 TENTH = 0.1  # the quantile of margins that is reported beside the smallest and the median
@@ -117,14 +117,10 @@ def write_bytes(file: Path, content: bytes) -> None:
     Raises:
         ProblemError: the disk refuses.
     """
-    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
-        aside.write_bytes(content)
-        os.replace(aside, file)
+        write_whole(file, content)
     except OSError as error:
         raise ProblemError(f"{file}: found no way to write it ({error.strerror}), expected one") from error
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 # --- the summary ---------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ Each shape starts from the last ones; a cable that loses its shape is let go and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,6 +24,7 @@ from .stability import Stability, stability
 
 Rigour = Literal["full", "stable", "look"]
 
+BLOCK = 256  # frames that something is asked of at a time
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
@@ -124,11 +125,24 @@ def sweep(
         )
     rods = batch(frames)
     if rigour == "full":
-        answer = stability(rods, frames[0].case.boundary.kind)
+        answer = _stability(frames)
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
     origins = start_positions(follower.ends, rods.r[:, -1], units)
     return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
+
+
+def _blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
+    """Yield all frames, a batch of some of them at a time: a batch takes much memory while something is asked of it."""
+    for first in range(0, len(frames), BLOCK):
+        yield batch(frames[first : first + BLOCK])
+
+
+def _stability(frames: Sequence[Solved]) -> Stability:
+    """Return the stability of all frames, batched."""
+    kind = frames[0].case.boundary.kind
+    found = [stability(rods, kind) for rods in _blocks(frames)]
+    return Stability(*(np.concatenate([getattr(one, key) for one in found]) for key in ("margin", "index")))
 
 
 def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[Solved], Array]:
@@ -159,14 +173,17 @@ def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
     """Return the plain arrays of a sweep at equally spaced stations."""
     units = swept.units
     s = np.linspace(0.0, 1.0, stations)
-    samples = swept.rod.sample(s)
+    samples = [rods.sample(s) for rods in _blocks(swept.frames)]
+    r, q, omega, force, moment = (
+        np.concatenate([getattr(one, key) for one in samples]) for key in ("r", "q", "omega", "force", "moment")
+    )
     return CableMotion(
         s * units.length,
-        swept.origins[:, None, :] + units.length * samples.r,
-        samples.q,
-        samples.omega / units.length,
-        units.force * samples.force,
-        units.moment * samples.moment,
+        swept.origins[:, None, :] + units.length * r,
+        q,
+        omega / units.length,
+        units.force * force,
+        units.moment * moment,
         swept.stability.index == 0,
         swept.stability.margin,
         np.array([frame.solution.residual for frame in swept.frames]),

@@ -11,14 +11,15 @@ import hashlib
 import json
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from . import rotations
 from .errors import ProblemError
-from .file_checks import located, table
+from .file_checks import table
+from .file_places import Places
 from .mesh_geometry import Mesh
 from .part_geometry import Geometry
 from .problem import MeshFile, Part, Problem
@@ -37,6 +38,7 @@ class Shared:
     Args:
         tables: of the problem's file, as JSON.
         file: of the problem; its paths start at that folder.
+        folders: from which it may read files beside its own.
         files: names in the problem, and sha256, of the meshes and tables of poses.
         command: what to run.
         version: of harness-opt.
@@ -44,6 +46,7 @@ class Shared:
 
     tables: str
     file: str
+    folders: tuple[str, ...]
     files: tuple[tuple[str, str], ...]
     command: Command
     version: str
@@ -55,10 +58,12 @@ class Shared:
         # a variant may name other files, by a key of its own or within a table
         varied = [values for values in variants if any(isinstance(value, (str, dict)) for value in values.values())]
         names |= {name for values in varied for _, _, name in _files(quantities.changed(values))}
-        folder = quantities.file.parent
-        hashes = tuple((name, sha256(located(folder, name))) for name in sorted(names))
+        places = quantities.places
+        hashes = tuple((name, sha256(places.located(name))) for name in sorted(names))
         told = {key: value for key, value in quantities.tree.items() if key not in SILENT}
-        return cls(json.dumps(told, sort_keys=True), str(quantities.file), hashes, command, version())
+        return cls(
+            json.dumps(told, sort_keys=True), str(quantities.file), _words(places.others), hashes, command, version()
+        )
 
     def key(self, values: Mapping[str, Any]) -> str:
         """Return what names a variant: the sha256 of all that its result depends on, but for where files lie."""
@@ -67,8 +72,12 @@ class Shared:
 
     def paths(self) -> dict[Path, str]:
         """Return the absolute paths of the files where the study was started, and their sha256."""
-        folder = Path(self.file).parent
-        return {located(folder, name): digest for name, digest in self.files}
+        places = Places.around(Path(self.file).parent)
+        return {places.located(name): digest for name, digest in self.files}
+
+
+def _words(paths: Iterable[Path]) -> tuple[str, ...]:
+    return tuple(str(path) for path in paths)
 
 
 def _files(tree: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], str, str]]:
@@ -94,7 +103,12 @@ def sha256(path: Path) -> str:
 
 def carried_folder(digest: str) -> Path:
     """Return the folder in which a worker finds a file that was sent to it, by the sha256 of its content."""
-    return Path(tempfile.gettempdir()) / "harness-opt-files" / digest
+    return carried_root() / digest
+
+
+def carried_root() -> Path:
+    """Return the folder of all files that were sent to this machine."""
+    return Path(tempfile.gettempdir()) / "harness-opt-files"
 
 
 class Workbench:
@@ -111,7 +125,7 @@ class Workbench:
         tree, file, mistakes = json.loads(shared.tables), Path(shared.file), []
         self._moved: dict[str, str] = {}
         for name, digest in shared.files:
-            here = located(file.parent, name)
+            here = Places.around(file.parent).located(name)
             sent = carried_folder(digest) / here.name
             found = [path for path in (here, sent) if path.is_file() and sha256(path) == digest]
             if not found:
@@ -119,7 +133,7 @@ class Workbench:
             self._moved[name] = str(found[0] if found else here)
         if mistakes:
             raise ProblemError(mistakes)
-        self.quantities = Quantities(self._here(tree), file)
+        self.quantities = Quantities(self._here(tree), file, (*shared.folders, carried_root()))
         self._at_rest: dict[tuple[str, MeshFile], Geometry] = {}
         self._placed: dict[str, tuple[Part, Geometry]] = {}  # the last of each name: most variants move none
 
