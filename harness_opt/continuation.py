@@ -211,17 +211,20 @@ def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     return np.interp(np.linspace(0.0, run[-1], elements + 1), run, mesh)
 
 
-def finer_mesh(mesh: Array, local: Array, excess: float) -> Array:
+def finer_mesh(mesh: Array, local: Array, excess: float, before: float) -> Array | None:
     """Return the mesh on offer on which the error would be ``excess`` times smaller, or one of twice the elements.
 
     Args:
         mesh, local: nodes (n + 1,) and local errors (n,).
         excess: error over tolerance.
+        before: the same on the mesh before.
 
     Returns:
-        The finest on offer, dealt out anew, where there is no finer one.
+        The finest on offer, dealt out anew, where there is no finer one; None where that gains nothing any more.
     """
     n = len(mesh) - 1
+    if n >= ELEMENTS[-1] and not excess < WORTHWHILE * before:
+        return None
     wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
     finer = next((m for m in ELEMENTS if m >= wanted and m > n), ELEMENTS[-1])
     return refined_mesh(mesh, local, finer)
@@ -236,10 +239,10 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
     error, local = error_estimate(solved)
     before = np.inf
     while error > tolerance:
-        if len(local) == ELEMENTS[-1] and not error < WORTHWHILE * before:
+        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before)
+        if mesh is None:
             return solved, error, Status.INACCURATE
-        before = error if len(local) == ELEMENTS[-1] else np.inf
-        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance)
+        before = error / tolerance
         x = resample(solved.rod, mesh)
         if not np.all(np.isfinite(x)):
             return solved, error, Status.INACCURATE

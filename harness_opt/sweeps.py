@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from . import rod as rod_module
-from .continuation import ELEMENTS, WORTHWHILE, Solved, error_from_defects, finer_mesh, resample, solve_on
+from .continuation import Solved, error_from_defects, finer_mesh, resample, solve_on
 from .errors import Status
 from .following import Follower, Progress, batch
 from .problem import End, Problem
@@ -156,11 +156,13 @@ def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[
         estimates = [error_from_defects(frame, *(d[k] for d in defects)) for k, frame in enumerate(frames)]
         errors = np.array([error for error, _ in estimates])
         worst = float(np.max(errors))
-        finest = len(frames[0].bound.mesh) - 1 == ELEMENTS[-1]
-        if worst <= tolerance or (finest and not worst < WORTHWHILE * before):
+        if worst <= tolerance:
             return frames, errors
-        before = worst if finest else np.inf
-        mesh = finer_mesh(frames[0].bound.mesh, np.max([local for _, local in estimates], axis=0), worst / tolerance)
+        local = np.max([local for _, local in estimates], axis=0)
+        mesh = finer_mesh(frames[0].bound.mesh, local, worst / tolerance, before)
+        if mesh is None:
+            return frames, errors
+        before = worst / tolerance
         again: list[Solved] = []
         for frame, x in zip(frames, resample(batch(frames), mesh), strict=True):
             solved = solve_on(frame.case, mesh, x, solver, near=again[-1] if again else None)
