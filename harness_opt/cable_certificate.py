@@ -55,7 +55,9 @@ class CableSearch(Search):
         s, t = (curve.s for curve in self.curves)
         allowed = t[None, 1:] - s[:-1, None] >= self._gap
         stretches = [(low, high, 0) for low, high in itertools.pairwise(self.times)]
+        count = 0
         while stretches:
+            self.afford(count)
             low, high, depth = stretches.pop()
             if not self.known(np.array([0.5 * (low + high)]))[0]:
                 continue
@@ -73,6 +75,7 @@ class CableSearch(Search):
             distance[i, j] = math.inf
             settled = min(settled, float((distance - doubt)[allowed].min()), float(bound[~loose].min(initial=math.inf)))
             found.append(cells.take(loose))
+            count += int(np.sum(loose))
         empty = Cells(np.zeros(0), np.zeros(0), np.zeros((0, 4)))
         return Cells.joined([empty, *found]), settled
 

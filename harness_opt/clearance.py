@@ -26,7 +26,7 @@ from . import rotations
 from .cable_certificate import CableSearch
 from .cable_clearance import CurvePair, against_cable, least_gap
 from .centreline import Curve, cubic_error
-from .clearance_search import LONG, Certificate, Found, Task, Witnesses
+from .clearance_search import LONG, Certificate, Found, Task, Witnesses, never
 from .moving_curve import MovingCurve
 from .part_certificate import PartSearch, Seen
 from .part_clearance import against_part, places
@@ -49,11 +49,13 @@ class Options:
         reach: witnesses are kept up to this much above the limit, m; None takes the cable's diameter.
         most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
             larger.
+        stop: asked while the motion is searched; once True, what is left is not certified, and says so.
     """
 
     tolerance: float | None = None
     reach: float | None = None
     most_queries: int = 20_000
+    stop: Callable[[], bool] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +226,8 @@ def measure(
                 search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
                 pair = _certified(pair, motion, search.certificate())
             pairs.append(_in_world(pair, problem, geometry.body, motion))
+        if views is not None:
+            views.forget(own.cable)
         if problem.limits.clearance is None:
             continue
         for other in tasks[number:]:
@@ -264,6 +268,10 @@ class _Views:
             self._curves[cable, body] = MovingCurve(self.frames[cable], poses)
         return self._curves[cable, body]
 
+    def forget(self, cable: str) -> None:
+        """Let go of how bodies see ``cable``: each view takes several times the memory of the frames."""
+        self._curves = {key: curve for key, curve in self._curves.items() if key[0] != cable or key[1] == WORLD}
+
     def seen(self, cable: str, body: str) -> Seen:
         """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
         problem, run = self._problem, self._problem.cables[cable]
@@ -299,6 +307,7 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
         reach=cable.diameter if options.reach is None else options.reach,
         strict=options.tolerance is not None,
         most_queries=options.most_queries,
+        stop=options.stop or never,
     )
 
 

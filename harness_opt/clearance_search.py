@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,9 @@ from .vectors import Indices
 FAR = 20.0  # radii of the cable beyond the horizon: from there on a part is far away
 FAR_SHARE = 0.05  # of the clearance of what is far away: to this it is wanted
 LONG = "the search was longer than allowed"
+CROWDED = "more frames would have to be solved between the others than allowed"
+ROUGH = "between frames the shapes stray further from smooth curves than was estimated"
+STOPPED = "the run was stopped before the search had ended"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,11 @@ class Witnesses:
         return Witnesses(*(np.concatenate(column) for column in columns))
 
 
+def never() -> bool:
+    """Return False: nobody asks for a stop."""
+    return False
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """One cable, and what is asked about it.
@@ -61,6 +69,7 @@ class Task:
         tolerance, reach, most_queries: as in :class:`harness_opt.clearance.Options`, m.
         limit: m, or None.
         strict: whether the tolerance holds for what is far away too.
+        stop: asked again and again while the motion is searched; True ends the search without a certificate.
     """
 
     cable: str
@@ -72,6 +81,7 @@ class Task:
     most_queries: int
     limit: float | None = None
     strict: bool = False
+    stop: Callable[[], bool] = never
 
     @property
     def horizon(self) -> float:

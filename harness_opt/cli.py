@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
 TRANSCRIPTIONS = ("collocation", "dqm")
 EXPORTS = ("paraview", "csv", "gltf", "stl")
+MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
 EXPORT_FOLDER = "export"  # in a result folder
 
 
@@ -111,6 +112,14 @@ class _Positive(click.ParamType):
 
 
 _file = click.argument("file", type=click.Path(path_type=Path))
+_folders = click.option(
+    "--files", "folders", multiple=True, metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder that meshes and tables may come from, beside FILE's own; may be given several times.",
+)  # fmt: skip
+_seconds = click.option(
+    "--time-limit", "seconds", type=_Positive(), metavar="S",
+    help="Stop after so many seconds, and keep what is solved by then; exit code 3.",
+)  # fmt: skip
 _as_json = click.option("--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there.")
 
 
@@ -167,7 +176,8 @@ def commands() -> None:
 @commands.command()
 @_file
 @_as_json
-def check(file: Path, as_json: bool) -> int:
+@_folders
+def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     """Validate FILE and say what would be solved; nothing is written.
 
     \b
@@ -177,7 +187,7 @@ def check(file: Path, as_json: bool) -> int:
     from .problem_file import read_problem
     from .scene import load_scene
 
-    problem = read_problem(file)
+    problem = read_problem(file, folders)
     with naming(file):
         content = facts(problem, load_scene(problem))
     if not as_json:
@@ -192,9 +202,11 @@ def check(file: Path, as_json: bool) -> int:
 
 @commands.command()
 @_running
+@_folders
+@_seconds
 @click.option("--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
 @click.option("--out-and-back", is_flag=True, help="Go through the motion and back: shows which snaps stay.")
-@click.option("--elements", type=click.IntRange(min=1), help="Least number of elements of a cable.")
+@click.option("--elements", type=click.IntRange(1, MOST_ELEMENTS), help="Least number of elements of a cable.")
 @click.option("--solver", type=click.Choice(SOLVERS), help="Way to solve; gauss-newton where left out.")
 @click.option("--transcription", type=click.Choice(TRANSCRIPTIONS), help="collocation, or dqm: the paper's.")
 @click.option("--points", type=int, metavar="N", help="Of dqm, 5 to 200; as many as it takes where left out.")
@@ -210,6 +222,9 @@ def simulate(
     as_json: bool,
     quiet: bool,
     pictures: bool,
+    *,
+    folders: tuple[Path, ...],
+    seconds: float | None,
     out_and_back: bool,
     clearance_tolerance: float | None,
     **numerics: Any,
@@ -229,17 +244,30 @@ def simulate(
             problem = dataclasses.replace(problem, out_and_back=True)
         return simulate(problem, progress=progress, throw=False, **chosen)
 
-    return run("simulate", file, Wanted(folder, as_json, quiet, pictures, clearance_tolerance), solve, VOICE)
+    wanted = Wanted(folder, as_json, quiet, pictures, clearance_tolerance, seconds, folders)
+    return run("simulate", file, wanted, solve, VOICE)
 
 
 @commands.command()
 @_running
+@_folders
+@_seconds
 @click.option(
     "--pareto", metavar="FIRST,SECOND",
     help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
     "for each point. Of length, change, clearance, bend_radius, twist, clamp_force, clamp_moment.",
 )  # fmt: skip
-def redesign(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictures: bool, pareto: str | None) -> int:
+def redesign(
+    file: Path,
+    folder: Path | None,
+    as_json: bool,
+    quiet: bool,
+    pictures: bool,
+    *,
+    pareto: str | None,
+    folders: tuple[Path, ...],
+    seconds: float | None,
+) -> int:
     """Change the design of FILE as little as holds every limit over the whole motion.
 
     DIR/redesigned.toml is a problem file that simulate passes. A redesign that was interrupted goes on where it was.
@@ -255,12 +283,60 @@ def redesign(file: Path, folder: Path | None, as_json: bool, quiet: bool, pictur
 
         return redesigned(problem, progress, folder or Path("results") / file.stem, pareto)
 
-    return run("redesign", file, Wanted(folder, as_json, quiet, pictures), solve, VOICE)
+    wanted = Wanted(folder, as_json, quiet, pictures, seconds=seconds, folders=folders)
+    return run("redesign", file, wanted, solve, VOICE)
+
+
+@commands.command()
+@_file
+@click.option(
+    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder of what it finds; results/<name of FILE> where left out.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
+@_as_json
+@_folders
+@click.option("--quiet", "-q", is_flag=True, help="No progress and no table.")
+def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: Any) -> int:
+    """Run every variant that the study FILE describes; started again, it goes on where it was.
+
+    DIR holds variants.csv, a row a variant, and study.sqlite, which keeps what is finished.
+
+    \b
+    harness-opt study problems/lift_arm/tolerances.toml
+    harness-opt study tolerances.toml --scheduler tcp://cluster:8786
+    """
+    from .study_command import Asked, run_study
+
+    return run_study(file, Asked(folder, folders=folders, **asked), VOICE)
+
+
+@commands.command()
+@_file
+@click.option(
+    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder for table and chart; results/<name of FILE>_sensitivity where left out.",
+)  # fmt: skip
+@_as_json
+@_folders
+def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:
+    """Say what moves the worst clearance of FILE most, per millimetre, degree and percent.
+
+    FILE is a problem, or a study, whose tolerances are then weighed in.
+
+    \b
+    harness-opt sensitivity problems/lift_arm/lift_arm.toml
+    """
+    from .sensitivity_command import run_sensitivity
+
+    return run_sensitivity(file, folder, as_json, VOICE, folders)
 
 
 @commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-def show(folder: Path) -> int:
+@_folders
+def show(folder: Path, folders: tuple[Path, ...]) -> int:
     """Show the result in DIR in a window, to turn about and to scrub along the motion.
 
     \b
@@ -272,7 +348,7 @@ def show(folder: Path) -> int:
     try:
         from . import pictures
 
-        pictures.show(folder)
+        pictures.show(folder, folders)
     except Exception as error:  # no pyvista, no display, no OpenGL: as many errors as there are computers
         _tell(f"No window can be shown: {remedied(error)}")
         return BAD_INPUT
@@ -287,7 +363,8 @@ def show(folder: Path) -> int:
 @click.option(
     "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
 )
-def export(folder: Path, kinds: tuple[str, ...], target: Path | None) -> int:
+@_folders
+def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: tuple[Path, ...]) -> int:
     """Write the result in DIR for other programs.
 
     paraview: motion.pvd, with curvature, clearance and loads as arrays; csv: a table of each cable's centreline in
@@ -304,7 +381,7 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None) -> int:
     read_results(folder)  # says what is wrong with the folder, if anything
     try:
         for kind in kinds:
-            for line in export(folder, kind, target or folder / EXPORT_FOLDER):
+            for line in export(folder, kind, target or folder / EXPORT_FOLDER, folders):
                 _say(line)
     except HarnessError as error:
         if isinstance(error, ProblemError):

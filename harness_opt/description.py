@@ -12,6 +12,7 @@ import numpy as np
 from . import rotations
 from .body_motion import Hinge, Slide
 from .path import left_out, place_frames
+from .plausibility import doubts
 from .problem import WORLD, Body, CableRun, End, MeshFile, Part, Problem
 from .rotations import Array
 from .scene import Geometry, Mesh, Scene
@@ -46,7 +47,7 @@ def facts(problem: Problem, scene: Scene) -> Json:
         "minimise": None if problem.design.maximise else problem.design.minimise,
         "maximise": problem.design.maximise,
         "left_out": _reasons(problem),
-        "warnings": list(scene.warnings),
+        "warnings": [*doubts(problem), *scene.warnings],
     }
 
 

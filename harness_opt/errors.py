@@ -19,6 +19,7 @@ class Status(enum.Enum):
     NO_START = "no starting shape was found that joins the two ends"
     STEP_TOO_SMALL = "the motion could not be followed: the step became too small"
     INTERRUPTED = "the run was interrupted"
+    TIME_LIMIT = "the time limit was reached"
 
     @property
     def ok(self) -> bool:

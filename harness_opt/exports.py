@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import io
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -14,7 +15,7 @@ from .clearance import ClearanceResult, measure
 from .drawing import placement, pose_at
 from .errors import HarnessError
 from .gltf import gltf
-from .limits import bending
+from .limits import STRAIGHT, bending
 from .opengl import load_pyvista
 from .part_triangles import triangles
 from .results import Motion
@@ -22,6 +23,7 @@ from .rotations import Array
 from .scene import Scene, load_scene
 from .stored_motion import read_motion
 from .swept_volume import swept_volume
+from .whole_folder import filling
 
 KINDS = ("paraview", "csv", "gltf", "stl")
 COLUMNS = (
@@ -31,7 +33,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
+def export(folder: str | Path, kind: str, target: str | Path, folders: Iterable[str | Path] = ()) -> list[str]:
     """Write the motion that a result folder holds for another program; return what was written, a sentence each.
 
     Args:
@@ -39,6 +41,7 @@ def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
         kind: "paraview" (``motion.pvd``, with a ``.vtp`` for each frame), "csv" (a table for each cable), "gltf"
             (``motion.glb``, animated) or "stl" (the volume that each cable sweeps).
         target: folder to write in; made where it is missing.
+        folders: from which its problem file may read, as for :func:`harness_opt.read_problem`.
 
     Raises:
         HarnessError: no result in ``folder``, or a package that the export needs is missing; one line.
@@ -52,10 +55,10 @@ def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
     }
     if kind not in writers:
         raise HarnessError(f"found an export to {kind!r}, expected one of {', '.join(KINDS)}")
-    motion, _, _ = read_motion(folder)
-    target = Path(target)
-    target.mkdir(parents=True, exist_ok=True)
-    return list(writers[kind](motion, load_scene(motion.problem), target))
+    motion, _, _ = read_motion(folder, folders)
+    scene = load_scene(motion.problem)
+    with filling(Path(target)) as aside:
+        return [line.replace(str(aside), str(target), 1) for line in writers[kind](motion, scene, aside)]
 
 
 def _file_name(name: str) -> str:
@@ -64,12 +67,11 @@ def _file_name(name: str) -> str:
 
 
 def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, frame: int) -> dict[str, Array]:
-    """Return what is known at the stations of a cable in one frame, by name."""
+    """Return what is known at the stations of a cable in one frame, by name; a clearance that does not count is NaN."""
     shapes = motion.cables[name]
     points = colouring.Points(name, frame, shapes.s, shapes.position[frame])
     clearance, _ = colouring.states(motion, scene, measured.pairs, points, np.inf)
-    with np.errstate(divide="ignore"):
-        radius = 1.0 / bending(shapes.first(frame + 1))[frame]
+    radius = 1.0 / np.maximum(bending(shapes.first(frame + 1))[frame], STRAIGHT)
     return {
         "arc_length": shapes.s,
         "curvature": shapes.curvature[frame],
@@ -77,7 +79,7 @@ def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, f
         "twist_deg_per_m": np.degrees(shapes.curvature[frame, :, 2]),
         "force": shapes.force[frame],
         "moment": shapes.moment[frame],
-        "clearance": clearance,
+        "clearance": np.where(np.isfinite(clearance), clearance, np.nan),
         "quaternion": shapes.quaternion[frame],
     }
 
@@ -95,7 +97,10 @@ def _csv(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
             )  # fmt: skip
             rows.append(np.column_stack(columns))
         file = target / f"{_file_name(name)}.csv"
-        np.savetxt(file, np.vstack(rows), fmt="%.10g", delimiter=",", header=",".join(COLUMNS), comments="")
+        text = io.StringIO()
+        np.savetxt(text, np.vstack(rows), fmt="%.10g", delimiter=",")
+        # no number is an empty cell to spreadsheets
+        file.write_text(",".join(COLUMNS) + "\n" + text.getvalue().replace("nan", ""), encoding="utf-8")
         yield f"{file}: {len(motion.motion)} frames of {len(shapes.s)} points"
 
 

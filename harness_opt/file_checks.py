@@ -6,11 +6,11 @@ value is already known to be wrong. So one run names every mistake, and none twi
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from .file_places import MOST_MESH_BYTES, Places
 from .file_schema import INVALID, MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
 from .file_values import MESH_UNITS, KeyPath, Mistake, coupling, one_of, shown
 from .problem import WORLD
@@ -35,18 +35,18 @@ def value(tree: Tree, key: str) -> Any:
     return None if found is INVALID else found
 
 
-def mistakes_between(tree: Tree, folder: Path) -> Iterator[Mistake]:
+def mistakes_between(tree: Tree, places: Places) -> Iterator[Mistake]:
     """Yield the mistakes that only several keys, or a mesh file, show.
 
     Args:
         tree: the tables, with ``INVALID`` for values that are known to be wrong.
-        folder: where the problem file lies; mesh paths start there.
+        places: where meshes may lie.
     """
     yield from _names(tree)
     for name in table(tree, "cables"):
         yield from _cable(tree, name)
     for name in table(tree, "parts"):
-        yield from _part(tree, name, folder)
+        yield from _part(tree, name, places)
     yield from _bend_radius(tree)
     yield from _variables(tree)
 
@@ -119,7 +119,7 @@ def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
 # --- parts and limits ----------------------------------------------------------------------------------
 
 
-def _part(tree: Tree, name: str, folder: Path) -> Iterator[Mistake]:
+def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
     path, part = ("parts", name), table(tree, "parts", name)
     if not isinstance(tree["parts"][name], Mapping):
         return
@@ -128,55 +128,26 @@ def _part(tree: Tree, name: str, folder: Path) -> Iterator[Mistake]:
     if len(shapes) != 1:
         found = " and ".join(shapes) or "no shape"
         yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
-    if "mesh_unit" in part and "mesh" not in part:
-        yield (*path, "mesh_unit"), "found a unit without a mesh, expected it beside mesh only"
-    if "shell" in part and "mesh" not in part:
-        yield (*path, "shell"), "found a shell without a mesh, expected it beside mesh only"
-    mesh = value(part, "mesh")
-    if mesh is not None:
-        yield from _mesh(path, mesh, "mesh_unit" in part, folder)
+    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell")):
+        if key in part and "mesh" not in part:
+            yield (*path, key), f"found {words} without a mesh, expected it beside mesh only"
+    if value(part, "mesh") is not None:
+        yield from _mesh(path, part, places)
 
 
-def _mesh(path: KeyPath, mesh: str, has_unit: bool, folder: Path) -> Iterator[Mistake]:
-    """Check the suffix, the unit and the presence of a mesh file; what is in it is the scene's to read."""
+def _mesh(path: KeyPath, part: Tree, places: Places) -> Iterator[Mistake]:
+    """Check the suffix, the unit, the place and the presence of a mesh file; what is in it is the scene's to read."""
+    mesh = part["mesh"]
     suffix = Path(mesh).suffix.lower()
     known = (*UNITLESS_MESHES, *MESHES_IN_METRES)
     if suffix not in known:
         yield (*path, "mesh"), f"found {shown(mesh)}, expected a file ending in {one_of(known, suffix)}"
-    elif suffix in UNITLESS_MESHES and not has_unit:
+    elif suffix in UNITLESS_MESHES and "mesh_unit" not in part:
         words = f"expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"
         yield (*path, "mesh_unit"), f"found nothing, {words}"
-    why = unreadable(located(folder, mesh))
+    why = places.fault(mesh, "a mesh", value(part, "mesh_sha256"), MOST_MESH_BYTES)
     if why:
-        yield (*path, "mesh"), f"found {shown(mesh)}, {why}, expected a mesh (paths start at {folder})"
-
-
-def located(folder: Path, name: str) -> Path:
-    """Return the absolute path of the file that a problem file in ``folder`` calls ``name``.
-
-    Links of folders are followed, as opening the file would; that of the file is not: its suffix counts.
-    """
-    file = folder / name
-    return file if "\0" in name else file.parent.resolve() / file.name
-
-
-def unreadable(file: Path) -> str:
-    """Return what stands in the place of a readable ``file``, or an empty text where there is one."""
-    if "\0" in str(file):
-        return "a name with a null character"
-    try:
-        if file.is_dir():
-            return "a folder"
-        if not file.exists():
-            near = [other.name for other in file.parent.iterdir()] if file.parent.is_dir() else []
-            nearest = one_of(near, file.name).partition("; ")[2]
-            return "no such file" + (f" ({nearest})" if nearest else "")
-        # pipes have no size
-        if file.is_file() and file.stat().st_size == 0:
-            return "an empty file"
-        return "" if os.access(file, os.R_OK) else "a file that may not be read"
-    except OSError as error:
-        return f"a file that can't be opened ({error.strerror})"
+        yield (*path, "mesh"), why
 
 
 def _bend_radius(tree: Tree) -> Iterator[Mistake]:

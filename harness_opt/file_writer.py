@@ -16,8 +16,10 @@ from tomlkit.items import InlineTable, Item, Table
 from . import rotations
 from .body_motion import BodyMotion, Hinge, Poses, Slide
 from .errors import ProblemError
+from .file_places import Places
 from .poses_file import parse_poses, poses_text
 from .problem import Body, Box, Cable, CableRun, Capsule, Cylinder, End, Limits, MeshFile, Part, Problem, Shape, Sphere
+from .tolerance_table import content_of
 
 Rows = list[tuple[str, Any, str]]  # key, value (None leaves it out), unit for the comment
 
@@ -33,8 +35,12 @@ def problem_text(problem: Problem, file: Path) -> tuple[str, dict[Path, bytes]]:
 
     Returns:
         The TOML text, and the contents of CSV files by absolute path.
+
+    Raises:
+        OSError: a mesh or a table outside of the folder cannot be read.
     """
     pending: dict[Path, bytes] = {}
+    places = Places.around(file.parent)
     document = tomlkit.document()
     _fill(
         document,
@@ -54,11 +60,12 @@ def problem_text(problem: Problem, file: Path) -> tuple[str, dict[Path, bytes]]:
         ("spatial_step", step, "m, most that a clamp moves between two solved frames"),
     ]
     document["motion"] = _fill(tomlkit.table(), path)
-    _section(document, "parts", {name: _part(part, file.parent) for name, part in problem.parts.items()})
+    _section(document, "parts", {name: _part(part, places) for name, part in problem.parts.items()})
     limits = _fill(tomlkit.table(), _limit_rows(problem.limits))
     if limits:
         document["limits"] = limits
     _design(document, problem)
+    _robust(document, problem)
     return tomlkit.dumps(document), pending
 
 
@@ -177,7 +184,12 @@ def _motion_rows(name: str, motion: BodyMotion, file: Path, pending: dict[Path, 
     if table is None or not _holds(table, motion):
         table = file.parent / f"{file.stem}_{name}.csv"
         pending[table] = poses_text(motion).encode()
-    return [("kind", "poses", ""), ("file", _relative(table, file.parent), "t, x, y, z, qw, qx, qy, qz")]
+    sha256 = None if table in pending else Places.around(file.parent).sha256_of(table)
+    return [
+        ("kind", "poses", ""),
+        ("file", _relative(table, file.parent), "t, x, y, z, qw, qx, qy, qz"),
+        ("file_sha256", sha256, ""),
+    ]
 
 
 def _holds(table: Path, poses: Poses) -> bool:
@@ -188,12 +200,12 @@ def _holds(table: Path, poses: Poses) -> bool:
         return False
 
 
-def _part(part: Part, folder: Path) -> Table:
+def _part(part: Part, places: Places) -> Table:
     moved = any(part.position)
     turned = not np.array_equal(part.quaternion, rotations.IDENTITY)
     rows: Rows = [
         ("body", part.body, ""),
-        *_shape_rows(part.shape, folder),
+        *_shape_rows(part.shape, places),
         ("position", _numbers(part.position) if moved else None, "m"),
         ("quaternion", _numbers(part.quaternion) if turned else None, ""),
         ("clearance", None if part.clearance is None else float(part.clearance), "m"),
@@ -201,10 +213,14 @@ def _part(part: Part, folder: Path) -> Table:
     return _fill(tomlkit.table(), rows)
 
 
-def _shape_rows(shape: Shape, folder: Path) -> Rows:
+def _shape_rows(shape: Shape, places: Places) -> Rows:
     if isinstance(shape, MeshFile):
-        file = ("mesh", _relative(shape.path, folder), "")
-        return [file, ("mesh_unit", shape.unit, ""), ("shell", True if shape.shell else None, "")]
+        return [
+            ("mesh", _relative(shape.path, places.folder), ""),
+            ("mesh_unit", shape.unit, ""),
+            ("mesh_sha256", places.sha256_of(shape.path), ""),
+            ("shell", True if shape.shell else None, ""),
+        ]
     if isinstance(shape, Box):
         return [("box", _inline([("size", _numbers(shape.size), "")]), "m")]
     if isinstance(shape, Sphere):
@@ -242,3 +258,23 @@ def _design(document: Any, problem: Problem) -> None:
         rows += [(c.name, f"= {c.words}", "") for c in design.couplings]
         table.add("variables", _fill(tomlkit.table(), rows))
     document["design"] = table
+
+
+def _robust(document: Any, problem: Problem) -> None:
+    robust = problem.robust
+    if robust is None:
+        return
+    quantile = robust.hold == "quantile"
+    rows: Rows = [
+        ("hold", robust.hold, "quantile | corners"),
+        ("share", float(robust.share) if quantile else None, "of what is built"),
+        ("samples", robust.samples, "of the Monte Carlo study that verifies it"),
+        ("seed", robust.seed or None, ""),
+    ]
+    table = _fill(tomlkit.table(), rows)
+    tolerances = {
+        key: _inline([(name, value, "") for name, value in content_of(spread).items()])
+        for key, spread in robust.tolerances.items()
+    }
+    table.add("tolerances", _fill(tomlkit.table(), [(key, value, "") for key, value in tolerances.items()]))
+    document["robust"] = table

@@ -26,6 +26,7 @@ from .report import summary as summarise
 from .results import Motion
 from .scene import Scene, load_scene
 from .web_scene import part_data, scene_data, view_data
+from .whole_folder import write_whole
 
 if TYPE_CHECKING:
     from .outer_loop import Redesign
@@ -289,5 +290,5 @@ def write_report(result: Motion | Redesign, file: str | Path) -> Path:
         texts = None
     else:
         texts = _texts(report) | {"redesigned.toml": problem_text(result.problem, Path(file).resolve())[0]}
-    Path(file).write_text(html(report, content, texts), encoding="utf-8")
+    write_whole(Path(file), html(report, content, texts).encode())
     return Path(file)

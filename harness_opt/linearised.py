@@ -122,7 +122,7 @@ def _approach(
     """
     shapes, own, s = motion.cables[pair.cable], rates[pair.cable], witnesses.arc_length
     length = shapes.s[-1]
-    moved = _at(own.position, shapes.s, witnesses.frame, s)
+    moved = at_stations(own.position, shapes.s, witnesses.frame, s)
     if not pair.obstacle.startswith("cable:"):
         # points at a fixed share of a growing length run along the cable: those at the edges are called back
         at_start = np.abs(s - pair.excluded[0]) < AT_END * length
@@ -131,7 +131,7 @@ def _approach(
         return moved + _along(shapes, witnesses.frame, s, excess, own.length)
     other, t = pair.obstacle.removeprefix("cable:"), witnesses.other_arc_length
     others = motion.cables[other]
-    moved = moved - _at(rates[other].position, others.s, witnesses.frame, t)
+    moved = moved - at_stations(rates[other].position, others.s, witnesses.frame, t)
     if other == pair.cable:
         gap = arc_apart(problem.cables[other].cable.radius, pair.limit)
         excess = np.where(np.abs(t - s - gap) < AT_END * length, gap / length, 0.0)
@@ -189,7 +189,7 @@ def worst_places(size: Array) -> NDArray[np.bool_]:
     return found
 
 
-def _at(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Array:
+def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Array:
     """Return rates (W, 3, k) at ``arc_length`` (W,) of ``frame`` (W,) from those at stations (P, N, 3, k): cubic
     Lagrange interpolation on the four stations around."""
     spacing = s[1] - s[0]

@@ -5,21 +5,25 @@ trimesh is imported when the first mesh is read.
 
 from __future__ import annotations
 
-from pathlib import Path
+import logging
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from .errors import ProblemError
+from .file_places import MOST_MESH_BYTES
 from .mesh_orientation import closing, outward
+from .mesh_sizes import Refused, beside, refuse_faces
 from .problem import MeshFile
 from .rotations import Array
 from .vectors import Indices
 
+_UNHEARD = logging.NullHandler()
 METRES = {None: 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # None: the format is in metres itself
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf")
-MOST_FACES = 10_000_000
-STL_HEAD, STL_FACE = 84, 50  # bytes of a binary STL file: its head, which ends in the count, and one triangle
+LONGEST = 200  # characters of what a reader says
+FARTHEST = 1e9  # of a corner from the origin, in the file's unit; beyond, merging corners would overflow
 
 
 def read_mesh(key: str, mesh: MeshFile) -> tuple[Array, Indices, bool]:
@@ -47,38 +51,48 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
     """Return the vertices (k, 3), in the file's unit and merged, and the faces (m, 3) of ``mesh``."""
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(_UNHEARD)  # what it meets on the way; what stops it comes as an exception
     if mesh.path.suffix.lower() not in FORMATS:
         raise ProblemError(f"{key}: found {mesh.path.name!r}, expected a file ending in {', '.join(FORMATS)}")
     if mesh.unit not in METRES:
         raise ProblemError(f"{key}_unit: found {mesh.unit!r}, expected one of m, cm, mm, in")
-    # a file of twenty million triangles would first have to be held
-    _refuse_many(key, _binary_stl_faces(mesh.path))
     try:
-        loaded: Any = trimesh.load_scene(mesh.path, process=False).to_mesh()
+        files = beside(mesh.path, MOST_MESH_BYTES)
+        with np.errstate(all="ignore"):
+            loaded: Any = trimesh.load_scene(mesh.path, process=False, skip_materials=True, resolver=files)
+            refuse_faces(sum(_faces_placed(loaded)))
+            loaded = loaded.to_mesh()
+        vertices, faces = np.asarray(loaded.vertices, dtype=float), np.asarray(loaded.faces, dtype=np.int64)
+        _refuse_damage(vertices, faces)
+    except Refused as error:
+        raise ProblemError(f"{key}: {error} ({mesh.path})") from None
     except Exception as error:  # the readers of foreign files fail in as many ways as there are files
-        raise ProblemError(f"{key}: found {mesh.path} unreadable ({error}), expected a triangle mesh") from error
-    if len(loaded.faces) == 0:
-        raise ProblemError(f"{key}: found no triangles in {mesh.path}, expected a triangle mesh")
-    _refuse_many(key, len(loaded.faces))
-    if not np.all(np.isfinite(loaded.vertices)):
-        raise ProblemError(f"{key}: found vertices that are not finite in {mesh.path}, expected numbers")
+        words = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
+        raise ProblemError(f"{key}: found {mesh.path} unreadable ({words}), expected a triangle mesh") from error
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
     faces = np.asarray(loaded.faces, dtype=np.int64)
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    if not np.any(distinct):
+        raise ProblemError(f"{key}: found no triangle with an area in {mesh.path}, expected a triangle mesh")
     return np.array(loaded.vertices, dtype=float), faces[distinct]
 
 
-def _refuse_many(key: str, faces: int) -> None:
-    """Raise where there are too many ``faces``."""
-    if faces > MOST_FACES:
-        raise ProblemError(f"{key}: found {faces:,} triangles, expected at most {MOST_FACES:,}")
+def _faces_placed(scene: Any) -> Iterator[int]:
+    """Yield how many triangles each node of a scene shows: one mesh may be shown many times."""
+    for node in scene.graph.nodes_geometry:
+        yield len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
 
 
-def _binary_stl_faces(path: Path) -> int:
-    """Return how many triangles a binary STL file says it has, if it is long enough for them; else 0."""
-    if path.suffix.lower() != ".stl" or not path.is_file():
-        return 0
-    with path.open("rb") as file:
-        head = file.read(STL_HEAD)
-    count = int.from_bytes(head[-4:], "little") if len(head) == STL_HEAD else 0
-    return count if path.stat().st_size == STL_HEAD + STL_FACE * count else 0
+def _refuse_damage(vertices: Array, faces: Indices) -> None:
+    """Raise where corners and triangles are no mesh."""
+    if not len(faces):
+        raise Refused("no triangles")
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.shape[1:] != (3,):
+        raise Refused("corners that are not in space")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise Refused("triangles with corners that are not there")
+    if not np.all(np.isfinite(vertices)):
+        raise Refused("corners that are not finite")
+    far = float(np.max(np.abs(vertices)))
+    if far > FARTHEST:
+        raise Refused(f"a corner {far:.3g} units from the origin", f"at most {FARTHEST:g}")

@@ -16,7 +16,7 @@ from .rotations import Array
 STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
 LEVER = 0.25  # of the cable's length: a clamp's turn counts as the travel of a point that far away
 PATH_SAMPLES = 2001  # for measuring the path of the clamps
-MOST_FRAMES = 20_000
+MOST_FRAMES = 20_000  # of all cables together: at 0.1 MB each they keep to 2 GB
 
 
 def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
@@ -43,23 +43,27 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
             position, quaternion = problem.poses(end.body, grid)
             if end.position is not None:
                 position = position + rotations.rotate(quaternion, end.position)
-            moved = np.linalg.norm(np.diff(position, axis=0), axis=1) / allowed
+            moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
             turned = 2.0 * np.minimum(
                 np.linalg.norm(np.diff(quaternion, axis=0), axis=1),
                 np.linalg.norm(quaternion[1:] + quaternion[:-1], axis=1),
             )
-            increments = np.maximum(increments, np.maximum(moved, LEVER * run.cable.length * turned / allowed))
-    run_so_far = np.concatenate([[0.0], np.cumsum(increments)])
+            increments = np.maximum(increments, np.maximum(moved, LEVER * run.cable.length * turned))
+    with np.errstate(over="ignore"):  # of a step that is nearly nothing; it is refused below
+        run_so_far = np.concatenate([[0.0], np.cumsum(increments / allowed)])
     if asked and 0.0 < run_so_far[-1] < 1.0 - 1e-9:
         raise ProblemError(
             f"motion.spatial_step: found {asked:g} m, expected at most {run_so_far[-1] * asked:.6g} m, "
             "the whole trail of the clamps"
         )
-    count = int(np.ceil(run_so_far[-1] - 1e-9)) + 1
-    if count > MOST_FRAMES:
+    steps = np.ceil(run_so_far[-1] - 1e-9)
+    if (steps + 1) * len(problem.cables) > MOST_FRAMES:
+        cables = f" of {len(problem.cables)} cables" if len(problem.cables) > 1 else ""
         raise ProblemError(
-            f"motion.spatial_step: found {allowed:g} m, which asks for {count} frames, expected at most {MOST_FRAMES}"
+            f"motion.spatial_step: found {allowed:g} m, which asks for {steps + 1:.15g} frames{cables}, expected "
+            f"at most {MOST_FRAMES // len(problem.cables)}"
         )
+    count = int(steps) + 1
     # clamps that rest for a while: the tiny slope keeps the inverse single-valued
     measure = run_so_far + 1e-6 * grid
     return np.interp(np.linspace(0.0, measure[-1], max(count, 2)), measure, grid)

@@ -6,12 +6,13 @@ Every mistake met on the way is gathered and raised as one :class:`~harness_opt.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,11 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from . import file_schema, rotations
-from .body_motion import BodyMotion, Hinge, Poses, Slide
+from .body_motion import BodyMotion, Hinge, Slide
 from .errors import ProblemError
-from .file_checks import SIDES, Tree, located, mistakes_between, table, unreadable, value
+from .file_checks import SIDES, Tree, mistakes_between, table, value
+from .file_places import MEGABYTE, Places, unreadable
+from .file_quantities import robust_mistakes
 from .file_schema import schema
 from .file_values import Mistake, coupling, dotted, shown
 from .file_writer import problem_text
@@ -42,34 +45,58 @@ from .problem import (
     MeshFile,
     Part,
     Problem,
+    Robust,
     Shape,
     Sphere,
     Variable,
 )
+from .tolerance_table import tolerance
+from .whole_folder import write_whole
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 
+MOST_BYTES = 4 * MEGABYTE  # of a problem file: some fifty thousand lines
+MOST_KEYS = 50_000  # of all its tables
+DEEPEST = 32  # tables within tables; none of ours lies deeper than five
+MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
+MOST_MISTAKES = 200  # that are told one by one
+MOST_TABLE_BYTES = 50 * MEGABYTE  # of a table of poses: a quarter of a million rows
 MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
 _MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
 
 
-def read_problem(path: str | os.PathLike[str]) -> Problem:
+def read_problem(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()) -> Problem:
     """Return the problem that a TOML file describes.
 
     Meshes are looked for, not read; tables of poses are read.
 
     Args:
         path: of the problem file; paths inside it start at its folder.
+        folders: from which it may read meshes and tables beside its own folder; see
+            :mod:`~harness_opt.file_places`.
 
     Raises:
         ProblemError: one line a mistake, ``FILE: cables.lead.length: found -1, expected a number above 0``.
     """
     file = Path(path)
-    why = unreadable(file)
+    return parse_problem(content_of(file, "a problem file"), Places.around(file.parent, folders), file)
+
+
+def content_of(file: Path, what: str) -> bytes:
+    """Return the bytes of a TOML file that is expected to be ``what``.
+
+    Raises:
+        ProblemError: it cannot be read, or is too large.
+    """
+    why = unreadable(file, MOST_BYTES)
     if why:
-        raise ProblemError(f"{file}: found {why}, expected a problem file")
-    return parse_problem(file.read_bytes(), file)
+        raise ProblemError(f"{file}: found {why}, expected {what}")
+    with file.open("rb") as stream:
+        content = stream.read(MOST_BYTES + 1)  # a pipe does not say how much there is
+    if len(content) > MOST_BYTES:
+        raise ProblemError(f"{file}: found more than {MOST_BYTES / MEGABYTE:g} MB, expected {what}")
+    return content
 
 
 def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
@@ -91,65 +118,71 @@ def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
     file = file.parent.resolve() / file.name
     if file.is_dir():
         raise ProblemError(f"{file}: found a folder, expected the name of a file to write")
-    text, tables = problem_text(problem, file)
-    content = text.encode()
-    parse_problem(content, file, pending=tables)  # the proof that it can be read, before anything is touched
     try:
+        text, tables = problem_text(problem, file)
+        content = text.encode()
+        # the proof that it can be read, before anything is touched
+        parse_problem(content, Places.around(file.parent), file, pending=tables)
         file.parent.mkdir(parents=True, exist_ok=True)
         for target, data in (*tables.items(), (file, content)):
-            _replace(target, data)
+            write_whole(target, data)
     except OSError as error:
         where = error.filename or file
         raise ProblemError(f"{file}: found no way to write {where} ({error.strerror}), expected one") from error
     return file
 
 
-def _replace(file: Path, content: bytes) -> None:
-    """Put ``content`` in the place of ``file`` in one step."""
-    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
-        aside.write_bytes(content)
-        os.replace(aside, file)
-    finally:
-        aside.unlink(missing_ok=True)
-
-
-def parse_problem(content: bytes, file: Path, pending: Mapping[Path, bytes] | None = None) -> Problem:
+def parse_problem(content: bytes, places: Places, file: Path, pending: Mapping[Path, bytes] | None = None) -> Problem:
     """Return the problem that the bytes of a TOML file describe.
 
     Args:
         content: the bytes.
-        file: where they lie, or will lie; paths inside start at its folder.
+        places: where the files may lie that it names.
+        file: where they lie, or will lie.
         pending: contents of tables of poses that are yet to be written, by absolute path.
 
     Raises:
         ProblemError: as :func:`read_problem`.
     """
-    folder = file.parent.resolve()
-    tables, tree, mistakes = file_schema.structured(_toml(content, file))
-    mistakes += mistakes_between(tree, folder)
-    motions, wrong = _motions(tree, folder, pending or {})
+    if len(content) > MOST_BYTES:
+        raise ProblemError(f"{file}: found more than {MOST_BYTES / MEGABYTE:g} MB, expected a problem file")
+    problem = problem_from(toml_tables(content, file), places, file, pending)
+    return dataclasses.replace(problem, sha256=hashlib.sha256(content).hexdigest())
+
+
+def problem_from(
+    raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
+) -> Problem:
+    """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
+    _refuse_many(raw, file)
+    tables, tree, mistakes = file_schema.structured(raw)
+    mistakes += mistakes_between(tree, places)
+    motions, wrong = _motions(tree, places, pending or {})
     mistakes += wrong
     mistakes += _reach(tree, motions)
+    if tables is not None and tables.robust is not None:
+        mistakes += robust_mistakes(tables, tables.robust)
     if mistakes or tables is None:
-        raise ProblemError(f"{file}: {dotted(path)}: {words}" for path, words in mistakes)
+        lines = [f"{file}: {dotted(path)}: {words}" for path, words in mistakes[:MOST_MISTAKES]]
+        left = len(mistakes) - len(lines)
+        raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
     return Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
         bodies={name: Body(motions[name]) for name in tables.bodies},
-        parts={name: _part(part, folder) for name, part in tables.parts.items()},
+        parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
         limits=_limits(tables.limits),
         design=_design(tables.design),
+        robust=_robust(tables.robust),
         duration=tables.motion.duration,
         out_and_back=tables.motion.out_and_back,
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
-        file=folder / file.name,
-        sha256=hashlib.sha256(content).hexdigest(),
+        file=places.folder / file.name,
     )
 
 
-def _toml(content: bytes, file: Path) -> dict[str, Any]:
+def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
     """Return the nested tables of a TOML text; a byte order mark, as Windows editors write, is let pass."""
     try:
         text = content.decode("utf-8-sig")
@@ -162,6 +195,24 @@ def _toml(content: bytes, file: Path) -> dict[str, Any]:
         raise ProblemError(f"{file}: found brackets nested too deeply, expected a problem file") from None
     except ValueError as error:
         raise ProblemError(f"{file}: {_syntax_words(str(error), text)}") from None
+
+
+def _refuse_many(raw: dict[str, Any], file: Path) -> None:
+    """Raise where a file holds more than anybody types, before time is spent on it."""
+    keys, level, depth = 0, [raw], 0
+    while level:
+        keys, depth = keys + sum(map(len, level)), depth + 1
+        if keys > MOST_KEYS or depth > DEEPEST:
+            words = f"at most {MOST_KEYS:,} keys, {DEEPEST} levels deep"
+            raise ProblemError(f"{file}: found more keys or levels than any problem has, expected {words}")
+        level = [item for one in level for item in one.values() if isinstance(item, dict)]
+    crowds = [
+        f"{file}: {name}: found {len(raw[name]):,}, expected at most {most:,}"
+        for name, most in MOST_NAMES.items()
+        if isinstance(raw.get(name), dict) and len(raw[name]) > most
+    ]
+    if crowds:
+        raise ProblemError(crowds)
 
 
 def _syntax_words(message: str, text: str) -> str:
@@ -186,7 +237,7 @@ def _lowered(words: str) -> str:
 
 
 def _motions(
-    tree: Tree, folder: Path, pending: Mapping[Path, bytes]
+    tree: Tree, places: Places, pending: Mapping[Path, bytes]
 ) -> tuple[dict[str, BodyMotion | None], list[Mistake]]:
     """Return the motions of all bodies whose tables are in order, and the mistakes in tables of poses."""
     motions: dict[str, BodyMotion | None] = {WORLD: None}
@@ -203,28 +254,24 @@ def _motions(
         except ValidationError:
             continue  # named already when the whole file was structured
         try:
-            motions[name] = _motion(motion, folder, pending)
+            motions[name] = _motion(motion, places, pending)
         except ProblemError as error:
             path = ("bodies", name, "motion", "file")
             mistakes.extend((path, line) for line in error.mistakes)
     return motions, mistakes
 
 
-def _motion(motion: Any, folder: Path, pending: Mapping[Path, bytes]) -> BodyMotion:
+def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyMotion:
     if isinstance(motion, file_schema.HingeTable):
         return Hinge(motion.point, motion.axis, math.radians(motion.from_deg), math.radians(motion.to_deg))
     if isinstance(motion, file_schema.SlideTable):
         return Slide(motion.direction, motion.from_, motion.to)
-    return _tabulated(motion.file, folder, pending)
-
-
-def _tabulated(name: str, folder: Path, pending: Mapping[Path, bytes]) -> Poses:
-    file = located(folder, name)
+    file = places.located(motion.file)
     if file in pending:
         return parse_poses(pending[file], file)
-    why = unreadable(file)
+    why = places.fault(motion.file, "a table of poses", motion.file_sha256, MOST_TABLE_BYTES)
     if why:
-        raise ProblemError(f"found {shown(name)}, {why}, expected a table of poses (paths start at {folder})")
+        raise ProblemError(why)
     return parse_poses(file.read_bytes(), file)
 
 
@@ -283,11 +330,11 @@ def _end(end: file_schema.EndTable) -> End:
     return End(end.position, quaternion, end.force, end.moment, end.turns, end.body)
 
 
-def _part(part: file_schema.PartTable, folder: Path) -> Part:
-    return Part(_shape(part, folder), part.body, part.position, part.quaternion, part.clearance)
+def _part(part: file_schema.PartTable, places: Places) -> Part:
+    return Part(_shape(part, places), part.body, part.position, part.quaternion, part.clearance)
 
 
-def _shape(part: file_schema.PartTable, folder: Path) -> Shape:
+def _shape(part: file_schema.PartTable, places: Places) -> Shape:
     if part.box is not None:
         return Box(part.box.size)
     if part.sphere is not None:
@@ -296,7 +343,7 @@ def _shape(part: file_schema.PartTable, folder: Path) -> Shape:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(located(folder, str(part.mesh)), part.mesh_unit, part.shell)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell)
 
 
 def _limits(limits: file_schema.LimitsTable) -> Limits:
@@ -319,3 +366,10 @@ def _design(design: file_schema.DesignTable) -> Design:
         else:
             variables.append(Variable(name, *given))
     return Design(design.minimise, tuple(variables), tuple(couplings), design.weights, design.maximise, design.snaps)
+
+
+def _robust(robust: file_schema.RobustTable | None) -> Robust | None:
+    if robust is None:
+        return None
+    tolerances = {key: tolerance(spread.model_dump()) for key, spread in robust.tolerances.items()}
+    return Robust(tolerances, robust.hold, robust.share, robust.samples, robust.seed)

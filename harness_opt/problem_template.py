@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import tomlkit
 
 from .errors import ProblemError
+from .whole_folder import write_whole
 
 TEMPLATE = """\
 # A cable from a wall to a lid that opens. Change it into your own; every key: harness-opt schema
@@ -73,11 +75,10 @@ def write_template(name: Path) -> Path:
         ProblemError: there is one already, or it cannot be written.
     """
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
+    if os.path.lexists(file):
+        raise ProblemError(f"{file}: found a file of that name, expected a new one")
     try:
-        with file.open("x", encoding="utf-8") as stream:
-            stream.write(TEMPLATE.format(title=tomlkit.item(file.stem).as_string()))
-    except FileExistsError:
-        raise ProblemError(f"{file}: found a file of that name, expected a new one") from None
+        write_whole(file, TEMPLATE.format(title=tomlkit.item(file.stem).as_string()).encode())
     except OSError as error:
         raise ProblemError(f"{file}: found no way to write it ({error.strerror or error}), expected one") from error
     return file

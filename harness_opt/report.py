@@ -22,13 +22,15 @@ from .clearance import Between, ClearanceResult, Options, PairClearance, measure
 from .data_sheet import DataSheet, data_sheets
 from .errors import ProblemError
 from .limits import cable_limits, held
+from .plausibility import doubts
 from .problem import MeshFile, Problem
 from .problem_file import write_problem
-from .redesign_summary import DEGREES, redesign_summary
+from .redesign_summary import FILE_WORDS, redesign_summary
 from .result_folder import SUMMARY, read_summary, replacing
 from .results import CableMotion, LimitResult, Motion
 from .rotations import Array
 from .scene import Scene, load_scene
+from .stored_arrays import read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from .outer_loop import Redesign
@@ -42,7 +44,13 @@ PACKAGES = ("numpy", "scipy", "casadi", "trimesh", "coal", "pyvista")  # whose v
 PHASES = ("load", "solve", "clearance", "pictures")
 
 
-def clearances(motion: Motion, scene: Scene | None = None, *, tolerance: float | None = None) -> ClearanceResult:
+def clearances(
+    motion: Motion,
+    scene: Scene | None = None,
+    *,
+    tolerance: float | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> ClearanceResult:
     """Return the clearances of a motion: all cables to all parts and, where a limit asks for it, to cables.
 
     Where there is a limit, frames are solved between those of the motion until the smallest clearance of the whole
@@ -52,6 +60,7 @@ def clearances(motion: Motion, scene: Scene | None = None, *, tolerance: float |
         motion: simulated; what was solved of it is measured.
         scene: the parts as geometry; None loads them.
         tolerance: to which the smallest clearances are wanted, m; None takes 1 % of the cable's diameter.
+        stop: asked while the motion is searched between its frames; once True, the rest is left uncertain.
 
     Raises:
         ProblemError: a mesh that cannot be used; a tolerance that is not above 0.
@@ -64,7 +73,7 @@ def clearances(motion: Motion, scene: Scene | None = None, *, tolerance: float |
 
     scene = load_scene(motion.problem) if scene is None else scene
     between = Between(BetweenFrames(motion), motion.snaps)
-    return measure(motion.problem, scene, motion.motion, motion.cables, Options(tolerance), between)
+    return measure(motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop), between)
 
 
 # --- the summary ---------------------------------------------------------------------------------------
@@ -132,6 +141,7 @@ def summary(
             "estimated_error": _largest(cable.estimated_error for cable in motion.cables.values()),
         },
         "timing": seconds,
+        "warnings": list(doubts(motion.problem)),
         "left_out": [*motion.left_out, *measured.left_out, *pictures],
         "files": sorted({*files, SUMMARY}),
     }
@@ -174,7 +184,7 @@ def _version(package: str) -> str:
 
 def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> Json:
     """Return a limit's row in the words and the unit of the problem file."""
-    name, unit = DEGREES.get(row.name, (row.name, 1.0))
+    name, unit = FILE_WORDS.get(row.name, (row.name, 1.0))
     entry = dataclasses.asdict(row) | {"name": name}
     entry |= {key: unit * entry[key] for key in ("limit", "worst", "margin", "tolerance")}
     if measured is not None and row.name == "clearance":
@@ -297,10 +307,10 @@ def input_files(problem: Problem) -> list[Path]:
 
 
 def _write_arrays(file: Path, motion: Motion) -> None:
-    arrays = {"motion": motion.motion}
-    for name, cable in motion.cables.items():
-        arrays |= {f"{name}/{field}": np.asarray(value) for field, value in vars(cable).items()}
-    np.savez(file, allow_pickle=False, **arrays)
+    try:
+        write_arrays(file, motion.motion, motion.cables)
+    except ValueError as error:
+        raise ProblemError(f"{file.name}: found {error}, expected none: nothing was written") from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,14 +341,6 @@ def read_results(folder: str | Path) -> StoredResult:
         content = read_summary(place)
         if content is None:
             raise ProblemError(f"{folder}: found no result of harness-opt, expected a folder with {SUMMARY}")
-        with np.load(place / "motion.npz", allow_pickle=False) as stored:
-            arrays = dict(stored)
-        shapes: dict[str, dict[str, Array]] = {}
-        for key, value in arrays.items():
-            name, _, field = key.rpartition("/")
-            if name:
-                shapes.setdefault(name, {})[field] = value
-        cables = {name: CableMotion(**fields) for name, fields in shapes.items()}
-        return StoredResult(place, content, arrays["motion"], cables)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return StoredResult(place, content, *read_arrays(place / "motion.npz"))
+    except (OSError, ValueError) as error:
         raise ProblemError(f"{folder}: found a damaged result ({error}), expected a whole one") from error

@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ProblemError
+from .whole_folder import PART, clear_away, flush, held, put, write_whole
 
 SUMMARY = "summary.json"
 COMMANDS = ("simulate", "redesign")  # that write a result folder
+MOST_BYTES = 50_000_000  # of a summary; those of a hundred cables among a thousand parts are smaller
 NAMES_SHOWN = 3  # of the files that stand in the way
 
 
@@ -28,11 +30,11 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
         OSError: the file is there and cannot be read.
     """
     file = folder / SUMMARY
-    if not file.is_file():
+    if not file.is_file() or file.stat().st_size > MOST_BYTES:
         return None
     try:
         summary = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError:  # neither JSON nor UTF-8: another program's file of that name
+    except (ValueError, RecursionError):  # neither JSON nor UTF-8: another program's file of that name
         return None
     ours = isinstance(summary, dict) and summary.get("command") in COMMANDS
     ours = ours and isinstance(summary.get("versions"), dict) and "harness-opt" in summary["versions"]
@@ -87,8 +89,9 @@ def _in_the_way(target: Path, inputs: Iterable[Path]) -> str:
 def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """Give an empty folder beside ``folder`` to write in, and put it in its place if all goes well.
 
-    Killed at any moment, the results that were there are whole, if need be as a hidden folder beside. What an
-    exception interrupts leaves nothing.
+    Killed at any moment, the results that were there are whole, and in their place wherever the system can exchange two
+    folders in one step (Linux, macOS). What an exception interrupts leaves nothing; what a kill leaves is hidden, and
+    goes when the next result is written there.
 
     Args:
         folder, inputs: as in :func:`check_target`.
@@ -97,12 +100,17 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         ProblemError: as :func:`check_target`, or the disk refuses.
     """
     target = check_target(folder, inputs)
-    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
+    aside = target.with_name(f".{target.name}.{os.getpid()}{PART}")
     try:
-        aside.mkdir(parents=True)
-        yield aside
-        _flush(aside)
-        _put(aside, target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        clear_away(target)
+        shutil.rmtree(aside, ignore_errors=True)
+        aside.mkdir()
+        with held(aside):
+            yield aside
+            keep_foreign(target, aside)
+            flush(aside)
+            put(aside, target)
     except OSError as error:
         where = error.filename or folder
         raise ProblemError(
@@ -112,50 +120,33 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         shutil.rmtree(aside, ignore_errors=True)
 
 
+def keep_foreign(earlier: Path, aside: Path) -> None:
+    """Have ``aside`` hold, too, what somebody else put into an ``earlier`` result: linked, nothing moves yet."""
+    if not earlier.is_dir():
+        return
+    written = (read_summary(earlier) or {}).get("files", ())
+    for entry in earlier.iterdir():
+        new = aside / entry.name
+        if entry.name in written or os.path.lexists(new):
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.copytree(entry, new, symlinks=True, copy_function=_linked)
+        else:
+            _linked(entry, new)
+
+
+def _linked(source: str | Path, target: str | Path) -> None:
+    """Give a file a second name, or copy it where the disk knows no such thing."""
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copy2(source, target, follow_symlinks=False)
+
+
 def add_file(folder: Path, name: str) -> None:
     """Name a file that was added to a result folder among its own, so that it goes when the result is replaced."""
     content = read_summary(folder)
     if content is None or name in content.get("files", ()):
         return
     content["files"] = sorted([*content.get("files", ()), name])
-    aside = folder / f".{SUMMARY}.{os.getpid()}.part"
-    aside.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(aside, folder / SUMMARY)
-
-
-def _put(aside: Path, target: Path) -> None:
-    """Rename ``aside`` to ``target``; an earlier result gives way, and comes back where that fails."""
-    before = target.with_name(f".{target.name}.{os.getpid()}.before")
-    earlier = target.exists()
-    try:
-        if earlier:
-            os.rename(target, before)
-        os.rename(aside, target)
-    finally:
-        if before.exists() and not target.exists():
-            os.rename(before, target)
-    if earlier:
-        written = (read_summary(before) or {}).get("files", ())
-        for entry in before.iterdir():
-            if entry.name not in written and not (target / entry.name).exists():
-                os.rename(entry, target / entry.name)
-        shutil.rmtree(before)
-    _flush_entry(target.parent)
-
-
-def _flush(folder: Path) -> None:
-    """Have the disk hold all that is in ``folder`` before its name does."""
-    for place, _, files in os.walk(folder, topdown=False):
-        for name in files:
-            _flush_entry(Path(place, name))
-        _flush_entry(Path(place))
-
-
-def _flush_entry(path: Path) -> None:
-    if os.name == "nt" and path.is_dir():  # Windows opens no folders
-        return
-    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    write_whole(folder / SUMMARY, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
 EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
+ASIDE = "-interrupted"  # added to the name of a folder that holds a whole result, for a part of another
 REMEDY = 'pip install "harness-opt[pictures]"'
 
 
@@ -45,7 +46,8 @@ class Voice:
 class Wanted:
     """What the user wants to be shown and kept; ``folder`` is None for the usual place.
 
-    ``tolerance`` is that of the clearances, m, or None.
+    ``tolerance`` is that of the clearances, m, or None; ``seconds`` the time limit, or None; ``folders`` are where
+    files may come from beside the problem's own.
     """
 
     folder: Path | None
@@ -53,6 +55,8 @@ class Wanted:
     quiet: bool
     pictures: bool
     tolerance: float | None = None
+    seconds: float | None = None
+    folders: tuple[Path, ...] = ()
 
 
 @contextlib.contextmanager
@@ -80,32 +84,40 @@ def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) ->
         ProblemError: bad input, or a folder that cannot be written.
     """
     begin = time.perf_counter()
+    from .plausibility import doubts
     from .problem_file import read_problem
     from .report import input_files, timed
     from .result_folder import check_target
     from .scene import load_scene
 
-    problem = read_problem(file)
+    problem = read_problem(file, wanted.folders)
     folder = wanted.folder or Path("results") / file.stem
     check_target(folder, input_files(problem))  # now, and not after an hour of solving
     with naming(file):
         scene = load_scene(problem)
     if not wanted.quiet:
-        voice.tell(*(f"{file}: {warning}" for warning in scene.warnings))
+        voice.tell(*(f"{file}: {warning}" for warning in (*doubts(problem), *scene.warnings)))
     loaded = time.perf_counter() - begin
-    with Interrupts(voice.warn) as interrupts:
+    with Interrupts(voice.warn, None if wanted.seconds is None else wanted.seconds - loaded) as interrupts:
         with naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
-            result = _solved(problem, solve, progress)
-        result, measured = _measured(result, scene, wanted.tolerance)
+            result = _solved(problem, solve, progress, interrupts)
+        result = _timely(result, wanted.seconds, interrupts)
+        result, measured = _measured(result, scene, wanted.tolerance, interrupts.stopping)
         result = timed(result, load=loaded, total=time.perf_counter() - begin)
-        summary, place = _kept(wanted, folder, interrupts.asked, (result, measured, command), voice)
+        part = result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
+        summary, place = _kept(wanted, folder, part, (result, measured, command), voice)
         interrupts.patient = False
         try:
             interrupts.stop_here()
             if wanted.pictures and summary["frames"]:
-                summary = _with_pictures(folder, (result, measured, command), scene, voice)
+                with interrupts.cut_off():
+                    summary = _with_pictures(folder, (result, measured, command), scene, voice)
         except KeyboardInterrupt:
-            interrupts.asked = True
+            if not interrupts.late:
+                interrupts.asked = True
+        except ProblemError:
+            _show(wanted, summary, place, voice)  # what stands is not lost with the disk
+            raise
     _show(wanted, summary, place, voice)
     return INTERRUPTED if interrupts.asked else EXIT[summary["status"]]
 
@@ -118,11 +130,22 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
     content = summary(result, measured, command=command)
     if interrupted and not content["frames"]:
         return content, None  # an earlier result is worth more
+    if interrupted and _is_whole(folder):
+        folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
     try:
         return write_results(result, folder, measured=measured, command=command), folder
     except ProblemError:
         _show(wanted, content, None, voice)  # what was found is not lost with the disk
         raise
+
+
+def _is_whole(folder: Path) -> bool:
+    """Return whether ``folder`` holds a result of a run that went to its end."""
+    from .result_folder import read_summary
+
+    earlier = read_summary(folder)
+    parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
+    return earlier is not None and earlier.get("reason") not in parts
 
 
 def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -> None:
@@ -140,10 +163,12 @@ def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -
         voice.tell(summary["message"])
 
 
-def _solved(problem: Problem, solve: Solve, progress: Shown) -> Motion | Redesign:
+def _solved(problem: Problem, solve: Solve, progress: Shown, interrupts: Interrupts) -> Motion | Redesign:
     """Return what ``solve`` finds, or what it had found when it gave up."""
     try:
-        return solve(problem, progress)
+        interrupts.stop_here()
+        with interrupts.cut_off():
+            return solve(problem, progress)
     except SolveError as error:
         partial, status, message = error.partial, error.status, str(error)
     except KeyboardInterrupt:
@@ -157,8 +182,16 @@ def _solved(problem: Problem, solve: Solve, progress: Shown) -> Motion | Redesig
     return dataclasses.replace(partial, status=status, message=message)
 
 
+def _timely(result: Motion | Redesign, seconds: float | None, interrupts: Interrupts) -> Motion | Redesign:
+    """Return ``result``; where the time limit ended the solve, with that for a reason."""
+    if result.status is not Status.INTERRUPTED or interrupts.asked or not interrupts.late:
+        return result
+    message = f"{Status.TIME_LIMIT.value}, {seconds:g} s; try a longer --time-limit, or a larger motion.spatial_step"
+    return dataclasses.replace(result, status=Status.TIME_LIMIT, message=message)
+
+
 def _measured(
-    result: Motion | Redesign, scene: Scene, tolerance: float | None
+    result: Motion | Redesign, scene: Scene, tolerance: float | None, stop: Callable[[], bool]
 ) -> tuple[Motion | Redesign, ClearanceResult | None]:
     """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
     from .report import clearances, timed
@@ -167,7 +200,7 @@ def _measured(
     if not isinstance(result, Motion):
         return result, None
     begin = time.perf_counter()
-    measured = clearances(result, scene, tolerance=tolerance)
+    measured = clearances(result, scene, tolerance=tolerance, stop=stop)
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 
@@ -190,6 +223,8 @@ def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _
 
         draw = functools.partial(write_pictures_and_film, clearances=measured)
         return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page)
+    except ProblemError:  # the folder cannot be written any more
+        raise
     except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers
         voice.tell(f"Pictures left out: {remedied(error)}")
         return content

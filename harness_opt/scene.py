@@ -15,7 +15,9 @@ from . import rotations
 from .errors import ProblemError
 from .mesh_file import read_mesh
 from .mesh_geometry import Mesh
+from .mesh_sizes import MOST_FACES
 from .part_geometry import Geometry, Primitive
+from .plausibility import part_doubts
 from .problem import MeshFile, Part, Problem
 
 __all__ = ["Geometry", "Mesh", "Primitive", "Scene", "load_scene"]
@@ -48,14 +50,19 @@ def load_scene(problem: Problem) -> Scene:
             parts[name] = _geometry(name, part)
         except ProblemError as error:
             mistakes += error.mistakes
+        count = sum(len(part.faces) for part in parts.values() if isinstance(part, Mesh))
+        if count > MOST_FACES:
+            mistakes.append(f"parts: found {count:,} triangles up to {name}, expected at most {MOST_FACES:,} in all")
+            break
     if mistakes:
         raise ProblemError(mistakes)
-    warnings = tuple(
+    open_ones = (
         f"parts.{name}.mesh: the surface is not closed, so what is inside it goes unnoticed"
         for name, part in parts.items()
         if not part.closed
     )
-    return Scene(parts, warnings)
+    sizes = (line for name, part in parts.items() for line in part_doubts(problem, name, part.upper - part.lower))
+    return Scene(parts, (*open_ones, *sizes))
 
 
 def _geometry(name: str, part: Part) -> Geometry:

@@ -5,7 +5,7 @@ Each shape starts from the last ones; a cable that loses its shape is let go and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,6 +24,7 @@ from .stability import Stability, stability
 
 Rigour = Literal["full", "stable", "look"]
 
+BLOCK = 256  # frames that something is asked of at a time
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
@@ -124,17 +125,31 @@ def sweep(
         )
     rods = batch(frames)
     if rigour == "full":
-        answer = stability(rods, frames[0].case.boundary.kind)
+        answer = _stability(frames)
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
     origins = start_positions(follower.ends, rods.r[:, -1], units)
     return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
 
 
+def _blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
+    """Yield all frames, a batch of some of them at a time: a batch takes much memory while something is asked of it."""
+    for first in range(0, len(frames), BLOCK):
+        yield batch(frames[first : first + BLOCK])
+
+
+def _stability(frames: Sequence[Solved]) -> Stability:
+    """Return the stability of all frames, batched."""
+    kind = frames[0].case.boundary.kind
+    found = [stability(rods, kind) for rods in _blocks(frames)]
+    return Stability(*(np.concatenate([getattr(one, key) for one in found]) for key in ("margin", "index")))
+
+
 def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[Solved], Array]:
     """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
     possible.
     """
+    before = np.inf
     while True:
         with np.errstate(over="ignore", invalid="ignore"):
             defects = batch(frames).defects()
@@ -143,9 +158,11 @@ def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[
         worst = float(np.max(errors))
         if worst <= tolerance:
             return frames, errors
-        mesh = finer_mesh(frames[0].bound.mesh, np.max([local for _, local in estimates], axis=0), worst / tolerance)
+        local = np.max([local for _, local in estimates], axis=0)
+        mesh = finer_mesh(frames[0].bound.mesh, local, worst / tolerance, before)
         if mesh is None:
             return frames, errors
+        before = worst / tolerance
         again: list[Solved] = []
         for frame, x in zip(frames, resample(batch(frames), mesh), strict=True):
             solved = solve_on(frame.case, mesh, x, solver, near=again[-1] if again else None)
@@ -159,14 +176,17 @@ def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
     """Return the plain arrays of a sweep at equally spaced stations."""
     units = swept.units
     s = np.linspace(0.0, 1.0, stations)
-    samples = swept.rod.sample(s)
+    samples = [rods.sample(s) for rods in _blocks(swept.frames)]
+    r, q, omega, force, moment = (
+        np.concatenate([getattr(one, key) for one in samples]) for key in ("r", "q", "omega", "force", "moment")
+    )
     return CableMotion(
         s * units.length,
-        swept.origins[:, None, :] + units.length * samples.r,
-        samples.q,
-        samples.omega / units.length,
-        units.force * samples.force,
-        units.moment * samples.moment,
+        swept.origins[:, None, :] + units.length * r,
+        q,
+        omega / units.length,
+        units.force * force,
+        units.moment * moment,
         swept.stability.index == 0,
         swept.stability.margin,
         np.array([frame.solution.residual for frame in swept.frames]),

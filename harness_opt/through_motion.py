@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .clearance_search import LONG, Certificate, Task, Witnesses
+from .clearance_search import CROWDED, LONG, ROUGH, STOPPED, Certificate, Task, Witnesses
 from .moving_curve import MovingCurve
 from .rotations import Array
 from .vectors import Indices
@@ -28,6 +28,12 @@ LOW = 0.25  # of the tolerance: what lies this much below the smallest clearance
 CHECKS = 3  # intervals with the lowest bounds in which a frame is solved in any case, to check the estimate
 ATTEMPTS = 4  # at a search, each after the estimate was found too small
 MOST_INSERTED = 400  # frames for one pair
+CELLS_PER_QUERY = 2  # that may wait at the same time
+BLOCK = 20_000  # cells that are bounded at a time: each takes a few kilobytes meanwhile
+
+
+class GaveUp(Exception):
+    """A search that would take more memory or time than it may; the message is the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +114,7 @@ class Search(abc.ABC):
     def __init__(self, task: Task, curves: Sequence[MovingCurve], start: Certificate):
         self.task, self.curves = task, curves
         self._best, self._at = start.place, start.motion
+        self._reason = LONG
 
     @abc.abstractmethod
     def first_cells(self) -> tuple[Cells, float]:
@@ -157,22 +164,39 @@ class Search(abc.ABC):
         for curve in self.curves:
             curve.complete()
         self._given = len(self.times)
-        for _ in range(ATTEMPTS):
-            bound = self._run()
-            if bound is not None:
-                return self._finished(bound)
-        return self._finished(-math.inf)
+        try:
+            for _ in range(ATTEMPTS):
+                bound = self._run()
+                if bound is not None:
+                    return self._finished(bound)
+        except GaveUp as why:
+            return self._finished(-math.inf, str(why))
+        return self._finished(-math.inf, ROUGH)
 
-    def _finished(self, bound: float) -> Certificate:
+    def afford(self, cells: int) -> None:
+        """Raise GaveUp where the search is to stop, or so many ``cells`` are more than it may hold."""
+        if self.task.stop():
+            raise GaveUp(STOPPED)
+        if cells > CELLS_PER_QUERY * self.task.most_queries:
+            raise GaveUp(self._reason)
+
+    def _all_bounds(self, cells: Cells) -> Bounds:
+        """Return what is known of cells, asked for a block at a time: each takes memory while it is bounded."""
+        if len(cells.first) <= BLOCK:
+            return self.bounds(cells)
+        blocks = np.array_split(np.arange(len(cells.first)), len(cells.first) // BLOCK + 1)
+        return Bounds(*map(np.concatenate, zip(*(self.bounds(cells.take(block)) for block in blocks), strict=True)))
+
+    def _finished(self, bound: float, why: str = "") -> Certificate:
         """Return what was found, with the reason why it is no certificate, if it is none."""
         reasons, reach = self._unknown()
-        if bound == -math.inf:
-            reasons = ["between frames the shapes stray further from smooth curves than was estimated"]
+        if why:
+            reasons = [why]
         if not reasons:
             bound = min(bound, reach)
         best = float(self._best.clearance[0])
         if not reasons and bound < best - self.tolerance * (1 + 1e-9):
-            reasons = [LONG]
+            reasons = [self._reason]
         return Certificate(self._best, self._at, min(bound, best), "; ".join(reasons))
 
     def _run(self) -> float | None:
@@ -180,9 +204,10 @@ class Search(abc.ABC):
         cells, settled = self.first_cells()
         budget, raised = self.task.most_queries, False
         lowest: list[tuple[float, float, Array]] = []
-        while len(cells.first) and budget > 0 and len(self.times) - self._given < MOST_INSERTED:
+        while len(cells.first) and budget > 0 and self._reason == LONG:
+            self.afford(len(cells.first))
             budget -= len(cells.first)
-            found = self.bounds(cells)
+            found = self._all_bounds(cells)
             sure = found.low - found.doubt
             done = sure >= self.floor
             settled = min(settled, float(sure[done].min(initial=math.inf)))
@@ -199,7 +224,7 @@ class Search(abc.ABC):
         if raised:
             return None
         if len(cells.first):
-            found = self.bounds(cells)
+            found = self._all_bounds(cells)
             return min(settled, float((found.low - found.doubt).min()))
         if self._best.clearance[0] > self.task.far:  # frames solved for what is near check the estimate
             return settled
@@ -216,8 +241,11 @@ class Search(abc.ABC):
         if np.isfinite(low.min(initial=math.inf)):
             lowest = cells.take(np.array([np.argmin(low)]))
             other = k != np.searchsorted(times, lowest.middle) - 1
-            wanted = Cells.joined([wanted.take(other), lowest])
-        return wanted
+            wanted = Cells.joined([lowest, wanted.take(other)])
+        room = MOST_INSERTED - (len(times) - self._given)
+        if len(wanted.first) > room:
+            self._reason = CROWDED
+        return wanted.take(np.arange(len(wanted.first)) < room)
 
     def _insert(self, cells: Cells) -> bool:
         """Solve frames in the middles of ``cells``, and look for smaller clearances; return whether trust fell."""

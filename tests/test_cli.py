@@ -145,6 +145,20 @@ def test_too_many_frames(here, capsys):
     assert os.listdir() == ["flap.toml"]
 
 
+@pytest.mark.parametrize("step", ["1e-320", "1e-100"])
+def test_steps_of_nearly_nothing(here, capsys, step):
+    assert main(["check", put(FLAP.replace("spatial_step = 0.01", f"spatial_step = {step}"))]) == 2
+    assert "expected at most 20000" in capsys.readouterr().err
+
+
+def test_frames_are_counted_over_all_cables(here, capsys):
+    cable = FLAP[FLAP.index("[cables.lead]") : FLAP.index("[bodies.flap.motion]")]
+    text = FLAP.replace("spatial_step = 0.01", "spatial_step = 2e-6")
+    assert main(["check", put(text)]) == 0
+    assert main(["check", put(text + cable.replace("lead", "second"))]) == 2
+    assert "frames of 2 cables, expected at most 10000" in capsys.readouterr().err
+
+
 def test_nothing_to_redesign(here, capsys):
     file = put(FLAP.partition("[design.variables]")[0])
     assert main(["redesign", file]) == 2
@@ -349,7 +363,7 @@ def test_an_interrupt_while_pictures_are_drawn_keeps_the_result(here, monkeypatc
 
 
 def test_an_interrupt_while_reading(here, monkeypatch):
-    monkeypatch.setattr("harness_opt.problem_file.read_problem", lambda _: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("harness_opt.problem_file.read_problem", lambda *_: signal.raise_signal(signal.SIGINT))
     assert main(["check", put(FLAP)]) == 130
     assert main(["simulate", "flap.toml"]) == 130
     assert os.listdir() == ["flap.toml"]

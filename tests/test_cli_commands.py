@@ -64,12 +64,12 @@ def test_no_pictures_room_at_all(here, capsys, monkeypatch):
 def test_show(here, capsys, monkeypatch):
     assert main(["simulate", put(FLAP), *PLAIN, "-q"]) == 0
     shown: list[Path] = []
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(show=shown.append))
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(show=lambda folder, _: shown.append(folder)))
     monkeypatch.setattr("harness_opt.pictures", sys.modules["harness_opt.pictures"], raising=False)
     assert main(["show", "results/flap"]) == 0
     assert shown == [Path("results/flap")]
 
-    def fail(_: object) -> None:
+    def fail(*_: object) -> None:
         raise RuntimeError("no display")
 
     monkeypatch.setattr(sys.modules["harness_opt.pictures"], "show", fail)

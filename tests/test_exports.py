@@ -81,6 +81,36 @@ def test_csv_holds_what_was_solved(folder, motion, tmp_path):
     assert np.all(last["clearance_m"] <= to_ball + 1e-9)
 
 
+def test_an_export_that_fails_leaves_the_earlier_one(folder, tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    exports.export(folder, "csv", tmp_path / "out")
+    before = (tmp_path / "out" / "the_lead.csv").read_bytes()
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device", "the_lead.csv")
+
+    monkeypatch.setattr(np, "savetxt", full)
+    with pytest.raises(OSError, match="No space left"):
+        exports.export(folder, "csv", tmp_path / "out")
+    assert (tmp_path / "out" / "the_lead.csv").read_bytes() == before
+    assert sorted(entry.name for entry in (tmp_path / "out").iterdir()) == ["mine.txt", "the_lead.csv"]
+    assert not [entry for entry in tmp_path.iterdir() if entry.name.startswith(".")]
+
+
+def test_what_is_no_number_is_an_empty_cell(tmp_path):
+    """A straight cable without parts: no radius is infinite, and no clearance is told."""
+    ends = ho.End((0, 0, 0), (1, 0, 0, 0)), ho.End((0, 0, 0.3), (1, 0, 0, 0))
+    problem = ho.Problem({"lead": ho.CableRun(ho.Cable(0.3, 0.005, 2e-3, 1.5e-3), *ends)})
+    file = ho.write_problem(problem, tmp_path / "straight.toml")
+    ho.write_results(ho.simulate(ho.read_problem(file)), tmp_path / "result")
+    exports.export(tmp_path / "result", "csv", tmp_path / "out")
+    text = (tmp_path / "out" / "lead.csv").read_text()
+    assert "nan" not in text and "inf" not in text
+    table = np.genfromtxt(tmp_path / "out" / "lead.csv", delimiter=",", names=True)
+    assert np.all(table["bend_radius_m"] > 1e6) and np.all(np.isnan(table["clearance_m"]))
+
+
 def test_paraview_opens_a_frame_for_each_time(folder, motion, tmp_path):
     pyvista = pytest.importorskip("pyvista", reason="pyvista (the extra 'pictures') is not installed")
     exports.export(folder, "paraview", tmp_path / "out")

@@ -299,7 +299,7 @@ def test_refusals_name_the_part_and_the_key(tmp_path):
 
 
 def test_too_many_triangles_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("harness_opt.mesh_file.MOST_FACES", 11)
+    monkeypatch.setattr("harness_opt.mesh_sizes.MOST_FACES", 11)
     with pytest.raises(ProblemError, match=r"parts\.part\.mesh: found 12 triangles, expected at most 11"):
         load_mesh(MESHES["box"], tmp_path)
 
