@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from flap_file import FLAP, HIT, PLAIN, WALLED, put, stand_in, strict
 
-from harness_opt import between_frames, motion, outer_loop, report
+from harness_opt import between_frames, design_search, motion, outer_loop, report
 from harness_opt.clearance_search import STOPPED
 from harness_opt.cli import main
 from harness_opt.errors import SolveError, Status
@@ -181,13 +181,13 @@ def test_a_real_clock(here):
 
 def test_a_time_limit_of_a_redesign_keeps_the_best_design(here, capsys, monkeypatch):
     """The search is stopped where a design has been met: it is written, not verified, and the code is 3."""
-    run = outer_loop._Loop.run
+    descend = design_search.descend
 
-    def late(loop, design, stride):
+    def late(*given):
         monkeypatch.setattr(Interrupts, "late", True)
-        return run(loop, design, stride)
+        return descend(*given)
 
-    monkeypatch.setattr(outer_loop._Loop, "run", late)
+    monkeypatch.setattr(design_search, "descend", late)
     monkeypatch.setattr(Interrupts, "late", False)
     assert main(["redesign", put(HIT), *PLAIN, "--json", "--time-limit", "1000"]) == 3
     content = strict(capsys.readouterr().out)
