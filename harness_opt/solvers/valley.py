@@ -66,7 +66,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
 def _floor(
     problem: LeastSquares, x: Array, across: tuple[Array, Array], step: float, tolerance: float
 ) -> tuple[tuple[Array, float] | None, int]:
-    """Return the point of the floor ``step`` along the valley from ``x`` and its steepness, and the iterations that took.
+    """Return the point of the floor ``step`` along the valley from ``x``, its steepness, and the iterations spent.
 
     None in place of the point where they do not converge.
     """
