@@ -21,7 +21,7 @@ from .errors import Status
 from .extrapolation import Trail
 from .rotations import Array
 from .shape import Rod
-from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper
+from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper, valley
 from .solvers.interface import Options, Solution, Solver
 from .solvers.linear import Factor, factorise
 from .transcriptions.collocation import BoundCollocation, collocation, pack, stations
@@ -32,6 +32,8 @@ SOLVERS: dict[str, Solver] = {
     "ipopt": ipopt.solve,
     "paper": paper.solve,
 }
+SAFEGUARDED = "gauss-newton"  # the solver that a walk along a valley comes after
+FLOOR = 1e-2  # residual of the scaled equations that is left on the floor of a valley at most
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 ELEMENTS = (
     8,
@@ -55,6 +57,7 @@ SMALLEST_STEP = 2.0**-12  # of a path step
 COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
 WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
+TURNED = 1e-2  # L a rad: what an error of the frames counts
 CALM = 3  # corrector iterations up to which the next step may double
 
 
@@ -125,6 +128,8 @@ def solve_on(
 ) -> Solved:
     """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended.
 
+    Where Gauss-Newton comes down to the floor of a valley and no further, it is walked along (:mod:`.solvers.valley`).
+
     Args:
         case, mesh, x: as above.
         solver: name.
@@ -138,7 +143,11 @@ def solve_on(
     turned = ROUNDING * scale * float(np.max(mesh[1:] - mesh[:-1])) ** 2 / float(np.min(case.section.stiffness))
     tolerance = residual * math.sqrt(scale) + turned
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
-    solution = SOLVERS[solver](bound.least_squares(), x, Options(tolerance, iterations, factor=factor))
+    problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
+    solution = SOLVERS[solver](problem, x, options)
+    if solver == SAFEGUARDED and not solution.status.ok and solution.residual <= FLOOR * math.sqrt(scale):
+        walked = valley.solve(problem, x, options)
+        solution = walked if walked.status.ok else solution
     return Solved(case, bound, solution)
 
 
@@ -150,6 +159,9 @@ def resample(rod: Rod, mesh: Array) -> Array:
 
 def error_estimate(solved: Solved) -> tuple[float, Array]:
     """Return the estimated error of the centreline, in L, and each element's own contribution (n,).
+
+    Or a hundredth of the largest local turning error, in rad, where that is more: in clamp layers thinner than any
+    error of the centreline.
 
     The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
     estimate is of the global error and needs no second solve. What the solver left of the equations counts too.
@@ -163,7 +175,7 @@ def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple
     """Return what :func:`error_estimate` does, from defects (n, 4), (n, 3), (n, 3) already at hand."""
     mesh = solved.bound.mesh
     n, s = len(mesh) - 1, STAGES
-    local = np.linalg.norm(dr, axis=-1) + np.diff(mesh) * np.linalg.norm(dq, axis=-1)
+    local = np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
     local = np.where(np.isfinite(local), local, np.inf)
     if not (np.all(np.isfinite(dm)) and np.max(local) < 1.0):
         return np.inf, local
@@ -190,7 +202,8 @@ def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple
     moved = solved.bound.centreline_rates(x, dx)[1][:: s + 1]
     # the centreline's own local errors add to those that come from the frames
     moved[1:, :, 0] += np.cumsum(dr, axis=0)
-    return float(np.linalg.norm(moved, axis=1).max(axis=0).sum()), local
+    turned = TURNED * 2.0 * float(np.max(np.linalg.norm(dq, axis=-1)))
+    return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum()), turned), local
 
 
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
