@@ -55,7 +55,7 @@ MOST_KEYS = 50_000  # of all its tables
 DEEPEST = 32  # tables within tables; none of ours lies deeper than five
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
 MOST_MISTAKES = 200  # that are told one by one
-MOST_TABLE_BYTES = 50 * MEGABYTE  # of a table of poses: a quarter of a million rows
+MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
 MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
 _MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
