@@ -39,6 +39,11 @@ if TYPE_CHECKING:
     from .profile import Path, Profile, disperse, load_profiles, profiles, save_profiles
     from .report import clearances, write_results
     from .results import Motion
+    from .studies import study
+    from .study_file import read_study
+    from .tolerances import Tolerance
+    from .variant_run import VariantResult
+    from .variations import Variations
 
 _ROOMS = {
     "body_motion": ("Hinge", "Poses", "Slide"),
@@ -70,6 +75,11 @@ _ROOMS = {
     "profile": ("Path", "Profile", "disperse", "load_profiles", "profiles", "save_profiles"),
     "report": ("clearances", "write_results"),
     "results": ("Motion",),
+    "studies": ("study",),
+    "study_file": ("read_study",),
+    "tolerances": ("Tolerance",),
+    "variant_run": ("VariantResult",),
+    "variations": ("Variations",),
 }
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 

@@ -286,6 +286,52 @@ def redesign(
 
 
 @commands.command()
+@_file
+@click.option(
+    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder of what it finds; results/<name of FILE> where left out.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
+@_as_json
+@_folders
+@click.option("--quiet", "-q", is_flag=True, help="No progress and no table.")
+def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: Any) -> int:
+    """Run every variant that the study FILE describes; started again, it goes on where it was.
+
+    DIR holds variants.csv, a row a variant, and study.sqlite, which keeps what is finished.
+
+    \b
+    harness-opt study problems/lift_arm/tolerances.toml
+    harness-opt study tolerances.toml --scheduler tcp://cluster:8786
+    """
+    from .study_command import Asked, run_study
+
+    return run_study(file, Asked(folder, folders=folders, **asked), VOICE)
+
+
+@commands.command()
+@_file
+@click.option(
+    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder for table and chart; results/<name of FILE>_sensitivity where left out.",
+)  # fmt: skip
+@_as_json
+@_folders
+def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:
+    """Say what moves the worst clearance of FILE most, per millimetre, degree and percent.
+
+    FILE is a problem, or a study, whose tolerances are then weighed in.
+
+    \b
+    harness-opt sensitivity problems/lift_arm/lift_arm.toml
+    """
+    from .sensitivity_command import run_sensitivity
+
+    return run_sensitivity(file, folder, as_json, VOICE, folders)
+
+
+@commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 @_folders
 def show(folder: Path, folders: tuple[Path, ...]) -> int:

@@ -9,19 +9,11 @@ import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    JsonValue,
-    ModelWrapValidatorHandler,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
+from pydantic_core import core_schema
 
+from .file_table import Table, TableKind
 from .file_values import (
     Bending,
     Bounds,
@@ -36,6 +28,7 @@ from .file_values import (
     Number,
     Positive,
     Quaternion,
+    Share,
     Size,
     Text,
     Vector,
@@ -44,48 +37,12 @@ from .file_values import (
     only_integer,
     shown,
 )
+from .tolerance_table import ToleranceTable
 
 UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
 MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
 
 INVALID = object()  # stands in a checked tree for a value that a message already names
-
-
-class Table(BaseModel):
-    """A table of the file: refuses unknown keys and says what it expects."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _in_words(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
-        """Put our words on the errors of this table: only here are its keys known."""
-        try:
-            return handler(data)
-        except ValidationError as error:
-            lines = [InitErrorDetails(type=cls._worded(e), loc=e["loc"], input=e["input"]) for e in error.errors()]
-            raise ValidationError.from_exception_data(cls.__name__, lines) from None
-
-    @classmethod
-    def keys(cls) -> dict[str, Any]:
-        """Return the keys as a user types them, with their pydantic fields."""
-        return {field.alias or name: field for name, field in cls.model_fields.items()}
-
-    @classmethod
-    def _worded(cls, error: Any) -> PydanticCustomError:
-        """Return pydantic's ``error`` as one whose message is what was expected."""
-        kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
-        if kind == "extra_forbidden":
-            return PydanticCustomError("unknown", "{words}", {"words": one_of(cls.keys(), key)})
-        if kind == "missing":
-            marks = [mark for mark in cls.keys()[key].metadata if isinstance(mark, Expected)]
-            return PydanticCustomError("nothing", "{words}", {"words": marks[0].words if marks else "a table"})
-        if kind in ("union_tag_invalid", "union_tag_not_found"):
-            is_table = isinstance(error["input"], dict)
-            return PydanticCustomError("kind" if is_table else "expected", "{words}", {"words": "a table"})
-        if kind in ("model_type", "model_attributes_type", "dict_type"):
-            return PydanticCustomError("expected", "a table")
-        return PydanticCustomError(kind, "{words}", {"words": error["msg"]})
 
 
 def _not_both(*keys: str) -> list[JsonValue]:
@@ -303,6 +260,23 @@ class DesignTable(Table):
     )
 
 
+class RobustTable(Table):
+    """What a redesign holds its limits against."""
+
+    hold: Annotated[Literal["quantile", "corners"], Expected(one_of(("quantile", "corners")))] = Field(
+        default="quantile",
+        description="Limits hold for a share of what is built, or at all corners of the tolerances.",
+    )
+    share: Share = Field(default=0.99, description="Of what is built, between 0 and 1, for which all limits hold.")
+    samples: Whole = Field(default=500, description="Of the Monte Carlo study that verifies it; 0 leaves it out.")
+    seed: Whole = Field(default=0, description="Of these samples; the same seed gives the same.")
+    tolerances: dict[str, ToleranceTable] = Field(
+        default_factory=dict,
+        description="By key of this file: cables.NAME.length (m), cables.NAME.stiffness_percent, "
+        "cables.NAME.end.rotate_x_deg, parts.NAME.position.z and the like.",
+    )
+
+
 class ProblemTable(Table):
     """A problem file of harness-opt. SI units; degrees only in keys that end in _deg; world z is up."""
 
@@ -317,16 +291,21 @@ class ProblemTable(Table):
     parts: dict[str, PartTable] = Field(default_factory=dict, description="The solids to stay clear of, by name.")
     limits: LimitsTable = Field(default=LimitsTable(), description="What must hold at every moment.")
     design: DesignTable = Field(default=DesignTable(), description="For redesign.")
+    robust: RobustTable | None = Field(default=None, description="For a redesign that holds within tolerances.")
 
 
 # --- use -----------------------------------------------------------------------------------------------
 
 
-def structured(raw: Mapping[str, Any]) -> tuple[ProblemTable | None, dict[str, Any], list[Mistake]]:
+def structured(
+    raw: Mapping[str, Any],
+    model: type[TableKind] = ProblemTable,  # type: ignore[assignment]
+) -> tuple[TableKind | None, dict[str, Any], list[Mistake]]:
     """Validate a parsed file key by key.
 
     Args:
         raw: the nested tables, as :mod:`tomllib` gives them.
+        model: what the file holds.
 
     Returns:
         The tables, or None where there are mistakes; a copy of ``raw`` with :data:`INVALID` in the place of
@@ -334,7 +313,7 @@ def structured(raw: Mapping[str, Any]) -> tuple[ProblemTable | None, dict[str, A
     """
     tree = _copied(raw)
     try:
-        return ProblemTable.model_validate(raw), tree, []
+        return model.model_validate(raw), tree, []
     except ValidationError as error:
         return None, tree, [_mistake(tree, e) for e in error.errors()]
 

@@ -114,9 +114,12 @@ _Above0 = Annotated[_Float, Field(gt=0), AfterValidator(_bounded)]
 _AtLeast0 = Annotated[_Float, Field(ge=0), AfterValidator(_bounded)]
 _Triple = tuple[_Finite, _Finite, _Finite]
 
+_Below1 = Annotated[_Float, Field(gt=0, lt=1)]
+
 Number = Annotated[_Finite, Expected("a number")]
 Positive = Annotated[_Above0, Expected("a number above 0")]
 NotNegative = Annotated[_AtLeast0, Expected("a number of at least 0")]
+Share = Annotated[_Below1, Expected("a number between 0 and 1")]
 Whole = Annotated[int, Field(strict=True), BeforeValidator(_whole), Expected("a whole number")]
 Flag = Annotated[bool, Field(strict=True), Expected("true or false")]
 Text = Annotated[str, Field(strict=True), Expected("text in quotes")]

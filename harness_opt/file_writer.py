@@ -19,6 +19,7 @@ from .errors import ProblemError
 from .file_places import Places
 from .poses_file import parse_poses, poses_text
 from .problem import Body, Box, Cable, CableRun, Capsule, Cylinder, End, Limits, MeshFile, Part, Problem, Shape, Sphere
+from .tolerance_table import content_of
 
 Rows = list[tuple[str, Any, str]]  # key, value (None leaves it out), unit for the comment
 
@@ -64,6 +65,7 @@ def problem_text(problem: Problem, file: Path) -> tuple[str, dict[Path, bytes]]:
     if limits:
         document["limits"] = limits
     _design(document, problem)
+    _robust(document, problem)
     return tomlkit.dumps(document), pending
 
 
@@ -250,3 +252,23 @@ def _design(document: Any, problem: Problem) -> None:
         rows = [(v.name, [float(v.lower), float(v.upper)], units.get(v.name[-3:], "m")) for v in design.variables]
         table.add("variables", _fill(tomlkit.table(), rows))
     document["design"] = table
+
+
+def _robust(document: Any, problem: Problem) -> None:
+    robust = problem.robust
+    if robust is None:
+        return
+    quantile = robust.hold == "quantile"
+    rows: Rows = [
+        ("hold", robust.hold, "quantile | corners"),
+        ("share", float(robust.share) if quantile else None, "of what is built"),
+        ("samples", robust.samples, "of the Monte Carlo study that verifies it"),
+        ("seed", robust.seed or None, ""),
+    ]
+    table = _fill(tomlkit.table(), rows)
+    tolerances = {
+        key: _inline([(name, value, "") for name, value in content_of(spread).items()])
+        for key, spread in robust.tolerances.items()
+    }
+    table.add("tolerances", _fill(tomlkit.table(), [(key, value, "") for key, value in tolerances.items()]))
+    document["robust"] = table

@@ -85,11 +85,11 @@ def _clearance_rows(
         slope = np.zeros((len(witnesses.frame), variables))
         if rates:
             s = motion.cables[pair.cable].s
-            moved: Array = _at(rates[pair.cable].position, s, witnesses.frame, witnesses.arc_length)
+            moved: Array = at_stations(rates[pair.cable].position, s, witnesses.frame, witnesses.arc_length)
             if pair.obstacle.startswith("cable:"):
                 other = pair.obstacle.removeprefix("cable:")
                 s = motion.cables[other].s
-                moved = moved - _at(rates[other].position, s, witnesses.frame, witnesses.other_arc_length)
+                moved = moved - at_stations(rates[other].position, s, witnesses.frame, witnesses.other_arc_length)
             slope = np.einsum("wc,wck->wk", witnesses.normal, moved) / scale
         slopes.append(slope)
         margins.append((witnesses.clearance - limit) / scale - asked[name])
@@ -131,7 +131,7 @@ def _cable_rows(
     return rows
 
 
-def _at(rates: Array, s: Array, frame: NDArray[np.integer[Any]], arc_length: Array) -> Array:
+def at_stations(rates: Array, s: Array, frame: NDArray[np.integer[Any]], arc_length: Array) -> Array:
     """Return rates (W, 3, k) at ``arc_length`` (W,) of ``frame`` (W,) from those at stations (P, N, 3, k): cubic
     Lagrange interpolation on the four stations around."""
     spacing = s[1] - s[0]

@@ -21,6 +21,7 @@ from .body_motion import BodyMotion, Rates
 from .checks import Quaternion, Vector
 from .errors import ProblemError
 from .rotations import Array
+from .tolerances import Tolerance
 
 WORLD = "world"
 REACH_TOLERANCE = 1e-9  # share of the length by which rounding may set a straight cable's clamps further apart
@@ -273,6 +274,25 @@ class Design:
 
 
 @dataclass(frozen=True)
+class Robust:
+    """What a redesign holds its limits against, beside the nominal design.
+
+    Args:
+        tolerances: by key of the problem file.
+        hold: "quantile": all limits hold for ``share`` of what is built; "corners": at every corner of the tolerances.
+        share: between 0 and 1.
+        samples: of the Monte Carlo study that verifies it; 0 leaves it out.
+        seed: of these samples.
+    """
+
+    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
+    hold: Literal["quantile", "corners"] = "quantile"
+    share: float = 0.99
+    samples: int = 500
+    seed: int = 0
+
+
+@dataclass(frozen=True)
 class Problem:
     """A whole problem, as one problem file holds it.
 
@@ -282,6 +302,7 @@ class Problem:
         parts: by name.
         gravity: m/s2.
         limits, design: as their classes say.
+        robust: None holds the limits for the nominal design alone.
         duration: of the motion, s.
         out_and_back: whether all bodies go through their motions until half-way and then back: a cable that snapped
             on the way out may come back another way.
@@ -297,6 +318,7 @@ class Problem:
     gravity: Vector = (0.0, 0.0, 0.0)
     limits: Limits = Limits()
     design: Design = Design()
+    robust: Robust | None = None
     duration: float = 1.0
     out_and_back: bool = False
     spatial_step: float | None = None

@@ -6,6 +6,7 @@ Every mistake met on the way is gathered and raised as one :class:`~harness_opt.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 import os
@@ -23,6 +24,7 @@ from .body_motion import BodyMotion, Hinge, Slide
 from .errors import ProblemError
 from .file_checks import SIDES, Tree, mistakes_between, table, value
 from .file_places import MEGABYTE, Places, unreadable
+from .file_quantities import robust_mistakes
 from .file_schema import schema
 from .file_values import Mistake, dotted, shown
 from .file_writer import problem_text
@@ -42,10 +44,12 @@ from .problem import (
     MeshFile,
     Part,
     Problem,
+    Robust,
     Shape,
     Sphere,
     Variable,
 )
+from .tolerance_table import tolerance
 from .whole_folder import write_whole
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
@@ -75,12 +79,23 @@ def read_problem(path: str | os.PathLike[str], folders: Iterable[str | os.PathLi
         ProblemError: one line a mistake, ``FILE: cables.lead.length: found -1, expected a number above 0``.
     """
     file = Path(path)
+    return parse_problem(content_of(file, "a problem file"), Places.around(file.parent, folders), file)
+
+
+def content_of(file: Path, what: str) -> bytes:
+    """Return the bytes of a TOML file that is expected to be ``what``.
+
+    Raises:
+        ProblemError: it cannot be read, or is too large.
+    """
     why = unreadable(file, MOST_BYTES)
     if why:
-        raise ProblemError(f"{file}: found {why}, expected a problem file")
+        raise ProblemError(f"{file}: found {why}, expected {what}")
     with file.open("rb") as stream:
         content = stream.read(MOST_BYTES + 1)  # a pipe does not say how much there is
-    return parse_problem(content, Places.around(file.parent, folders), file)
+    if len(content) > MOST_BYTES:
+        raise ProblemError(f"{file}: found more than {MOST_BYTES / MEGABYTE:g} MB, expected {what}")
+    return content
 
 
 def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
@@ -130,13 +145,22 @@ def parse_problem(content: bytes, places: Places, file: Path, pending: Mapping[P
     """
     if len(content) > MOST_BYTES:
         raise ProblemError(f"{file}: found more than {MOST_BYTES / MEGABYTE:g} MB, expected a problem file")
-    raw = _toml(content, file)
+    problem = problem_from(toml_tables(content, file), places, file, pending)
+    return dataclasses.replace(problem, sha256=hashlib.sha256(content).hexdigest())
+
+
+def problem_from(
+    raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
+) -> Problem:
+    """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
     _refuse_many(raw, file)
     tables, tree, mistakes = file_schema.structured(raw)
     mistakes += mistakes_between(tree, places)
     motions, wrong = _motions(tree, places, pending or {})
     mistakes += wrong
     mistakes += _reach(tree, motions)
+    if tables is not None and tables.robust is not None:
+        mistakes += robust_mistakes(tables, tables.robust)
     if mistakes or tables is None:
         lines = [f"{file}: {dotted(path)}: {words}" for path, words in mistakes[:MOST_MISTAKES]]
         left = len(mistakes) - len(lines)
@@ -148,16 +172,16 @@ def parse_problem(content: bytes, places: Places, file: Path, pending: Mapping[P
         gravity=tables.gravity,
         limits=_limits(tables.limits),
         design=_design(tables.design),
+        robust=_robust(tables.robust),
         duration=tables.motion.duration,
         out_and_back=tables.motion.out_and_back,
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
         file=places.folder / file.name,
-        sha256=hashlib.sha256(content).hexdigest(),
     )
 
 
-def _toml(content: bytes, file: Path) -> dict[str, Any]:
+def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
     """Return the nested tables of a TOML text; a byte order mark, as Windows editors write, is let pass."""
     try:
         text = content.decode("utf-8-sig")
@@ -335,3 +359,10 @@ def _limits(limits: file_schema.LimitsTable) -> Limits:
 def _design(design: file_schema.DesignTable) -> Design:
     variables = tuple(Variable(name, lower, upper) for name, (lower, upper) in design.variables.items())
     return Design(design.minimise, variables)
+
+
+def _robust(robust: file_schema.RobustTable | None) -> Robust | None:
+    if robust is None:
+        return None
+    tolerances = {key: tolerance(spread.model_dump()) for key, spread in robust.tolerances.items()}
+    return Robust(tolerances, robust.hold, robust.share, robust.samples, robust.seed)

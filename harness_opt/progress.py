@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     from .motion import Progress
 
+STOPPING = "Stopping after this frame; Ctrl-C again stops at once and keeps nothing."
 GRACE, LEAST_GRACE = 0.1, 1.0  # of a time limit, and s: so much later a run is cut off
 SOON = 0.02  # s until the next try to cut off a run
 SECONDS_A_LINE = 5.0  # between two lines of progress where no terminal shows a bar
@@ -34,11 +35,13 @@ class Interrupts:
         patient: whether there is something to lose.
     """
 
-    def __init__(self, warn: Callable[[str], None], seconds: float | None = None) -> None:
-        """Take ``warn``, which shows a line to the user from inside a signal handler, and a time limit from now on."""
+    def __init__(self, warn: Callable[[str], None], seconds: float | None = None, *, words: str = STOPPING) -> None:
+        """Take ``warn``, which shows a line to the user from inside a signal handler, a time limit from now on, and
+        the words to warn with.
+        """
         self.asked = False
         self.patient = True
-        self._warn = warn
+        self._warn, self._words = warn, words
         self._end = math.inf if seconds is None else time.monotonic() + seconds
         self._grace = 0.0 if seconds is None else max(LEAST_GRACE, GRACE * seconds)
 
@@ -94,7 +97,7 @@ class Interrupts:
         if self.asked:
             raise Abandoned
         self.asked = True
-        self._warn("\nStopping after this frame; Ctrl-C again stops at once and keeps nothing.\n")
+        self._warn(f"\n{self._words}\n")
 
     def stop_here(self) -> None:
         """Raise KeyboardInterrupt if somebody asked for it, or the time is up."""
@@ -112,17 +115,18 @@ def _within(frame: FrameType | None, package: str) -> bool:
 
 
 @contextlib.contextmanager
-def progress_for(interrupts: Interrupts, stream: TextIO | None) -> Iterator[Progress]:
+def progress_for(interrupts: Interrupts, stream: TextIO | None, counted: str = "frames") -> Iterator[Progress]:
     """Give the function that is told of every frame; between frames it is safe to stop.
 
     Args:
         interrupts: asked after every frame.
         stream: where to show the progress, as a bar if it is a terminal; None shows nothing.
+        counted: what is counted, for logs.
     """
     with contextlib.ExitStack() as stack:
         show: Progress | None = None
         if stream is not None:
-            show = stack.enter_context(_bar(stream)) if stream.isatty() else _lines(stream)
+            show = stack.enter_context(_bar(stream)) if stream.isatty() else _lines(stream, counted)
 
         def told(name: str, done: int, total: int) -> None:
             if show is not None:
@@ -156,7 +160,7 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
         yield show
 
 
-def _lines(stream: TextIO) -> Progress:
+def _lines(stream: TextIO, counted: str) -> Progress:
     """Return a progress for logs: a line for each name now and then."""
     last: dict[str, float] = {}
     first: dict[str, tuple[float, int]] = {}
@@ -166,7 +170,7 @@ def _lines(stream: TextIO) -> Progress:
         begin, from_ = first.setdefault(name, (now, done))
         if name not in last or now - last[name] > SECONDS_A_LINE:
             last[name] = now
-            words = f"{name}: {done} of {total} frames" if total else f"{name}: {done}"
+            words = f"{name}: {done} of {total} {counted}" if total else f"{name}: {done}"
             if total and done > from_:
                 words += f", about {(now - begin) / (done - from_) * (total - done):.0f} s left"
             stream.write(f"{words}\n")
