@@ -153,7 +153,6 @@ def problem_from(
     raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
 ) -> Problem:
     """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
-    _refuse_many(raw, file)
     tables, tree, mistakes = file_schema.structured(raw)
     mistakes += mistakes_between(tree, places)
     motions, wrong = _motions(tree, places, pending or {})
@@ -189,11 +188,13 @@ def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
         line = content[: error.start].count(b"\n") + 1
         raise ProblemError(f"{file}: line {line}: found bytes that are not UTF-8, expected a TOML text") from None
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except RecursionError:
         raise ProblemError(f"{file}: found brackets nested too deeply, expected a problem file") from None
     except ValueError as error:
         raise ProblemError(f"{file}: {_syntax_words(str(error), text)}") from None
+    _refuse_many(tables, file)
+    return tables
 
 
 def _refuse_many(raw: dict[str, Any], file: Path) -> None:

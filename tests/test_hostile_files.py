@@ -450,3 +450,12 @@ def test_long_tables_of_poses(folder: Path) -> None:
 
 def test_keys_in_messages_are_quoted() -> None:
     assert dotted(("parts", 'a"b\n')) == 'parts."a\\"b\\n"'
+
+
+@pytest.mark.parametrize("text", ["x." * 3000 + "y = 1", "[vary]\n" + "x." * 3000 + "y = 1", "k = {" * 500])
+@pytest.mark.parametrize("command", ["study", "sensitivity"])
+def test_study_files_are_no_deeper_than_problem_files(here: Path, capsys, command: str, text: str) -> None:
+    Path("study.toml").write_text(text)
+    assert main([command, "study.toml"]) == 2
+    assert capsys.readouterr().err.startswith("study.toml: ")
+    assert os.listdir() == ["study.toml"]
