@@ -18,6 +18,7 @@ import trimesh
 from flap_file import FLAP, PLAIN, put
 from problem_files import HINGE, MESH, changed, mistakes, same, written
 
+import harness_opt as ho
 from harness_opt import file_places, mesh_sizes, problem_file, stored_arrays
 from harness_opt.cli import main
 from harness_opt.errors import HarnessError, ProblemError
@@ -402,6 +403,15 @@ def test_archives_that_promise_more_than_they_hold(result: Path, monkeypatch) ->
     monkeypatch.setattr(stored_arrays, "MOST_BYTES", 10**5)
     with pytest.raises(ProblemError, match="1,000,000 bytes of arrays, of which at most 100,000 are read"):
         read_results(result)
+
+
+def test_archives_of_profiles_too(tmp_path: Path, monkeypatch) -> None:
+    np.savez_compressed(
+        tmp_path / "p.npz", **{"profiles/position": np.zeros((2000, 3)), "profiles/rotation": np.zeros(9)}
+    )
+    monkeypatch.setattr(stored_arrays, "MOST_BYTES", 10_000)
+    with pytest.raises(ProblemError, match="bytes of arrays, of which at most 10,000 are read"):
+        ho.load_profiles(tmp_path / "p.npz")
 
 
 def test_pickles_are_not_opened(result: Path) -> None:
