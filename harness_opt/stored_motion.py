@@ -44,7 +44,7 @@ def read_motion(
         )
     except OSError as error:
         raise HarnessError(f"{folder}: found no {error.filename or error}, expected a result folder") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise HarnessError(f"{folder}: found a damaged result ({error!r}), expected a whole one") from error
     if not isinstance(source, str):
         raise HarnessError(f"{folder}: found no name of a problem file, expected one to know the parts by")

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import os
+import re
 import struct
 import sys
 import time
@@ -426,6 +427,14 @@ def test_summaries_that_are_none(result: Path, content: bytes) -> None:
     with pytest.raises(ProblemError, match="found"):
         read_results(result)
     with pytest.raises(HarnessError, match="found"):
+        read_motion(result)
+
+
+def test_a_summary_with_a_number_of_a_thousand_digits(result: Path) -> None:
+    summary = result / "summary.json"
+    text = re.sub(r'"margin": [^,]*', '"margin": ' + "9" * 1000, summary.read_text())
+    summary.write_text(text)
+    with pytest.raises(HarnessError, match="found a damaged result"):
         read_motion(result)
 
 
