@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -51,6 +53,8 @@ def read_arrays(file: Path) -> tuple[Array, dict[str, CableMotion]]:
             motion.
         OSError: it cannot be read.
     """
+    if not file.is_file():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file))
     try:
         size = unpacked_size(file)
         with np.load(file, allow_pickle=False) as stored:

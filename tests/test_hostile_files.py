@@ -421,6 +421,16 @@ def test_pickles_are_not_opened(result: Path) -> None:
         read_results(result)
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+@pytest.mark.parametrize("name", ["motion.npz", "summary.json", "flap.toml"])
+def test_results_with_pipes_for_files(here: Path, result: Path, name: str) -> None:
+    """Opening one would wait for ever."""
+    file = here / name if name == "flap.toml" else result / name
+    file.unlink()
+    os.mkfifo(file)
+    assert main(["export", str(result), "--to", "csv"]) == 2
+
+
 @pytest.mark.parametrize("content", [b"\xff", b"[]", b'{"command": "simulate"}', b'{"a":' * 10_000])
 def test_summaries_that_are_none(result: Path, content: bytes) -> None:
     (result / "summary.json").write_bytes(content)
