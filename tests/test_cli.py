@@ -155,15 +155,15 @@ def test_too_many_frames(here, capsys):
 @pytest.mark.parametrize("step", ["1e-320", "1e-100"])
 def test_steps_of_nearly_nothing(here, capsys, step):
     assert main(["simulate", put(FLAP), "--spatial-step", step]) == 2
-    assert "expected at most 20000" in capsys.readouterr().err
+    assert "expected at most 10000" in capsys.readouterr().err
 
 
 def test_frames_are_counted_over_all_cables(here, capsys):
     cable = FLAP[FLAP.index("[cables.lead]") : FLAP.index("[bodies.flap.motion]")]
-    text = FLAP.replace("spatial_step = 0.01", "spatial_step = 2e-6")
+    text = FLAP.replace("spatial_step = 0.01", "spatial_step = 3e-6")
     assert main(["check", put(text)]) == 0
     assert main(["check", put(text + cable.replace("lead", "second"))]) == 2
-    assert "frames of 2 cables, expected at most 10000" in capsys.readouterr().err
+    assert "frames of 2 cables, expected at most 5000" in capsys.readouterr().err
 
 
 def test_nothing_to_redesign(here, capsys):
