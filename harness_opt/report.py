@@ -241,8 +241,8 @@ def _strict(value: Any) -> Any:
 
 
 def as_json(content: Json) -> str:
-    """Return ``content`` as strict JSON text."""
-    return json.dumps(content, indent=2, allow_nan=False)
+    """Return ``content`` as strict JSON text: what is not finite is null."""
+    return json.dumps(_strict(content), indent=2, allow_nan=False)
 
 
 # --- the result folder ---------------------------------------------------------------------------------
