@@ -23,6 +23,7 @@ converges with the sixth power of the element.
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,7 @@ NEUTRAL = 1e-5
 RANK = 1e-9  # singular values below this fraction of the largest count as zero
 PHASE = 2.0  # rad, most that a mode is let to vary by over one element
 MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
+MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
 ROUNDING = 1e-9  # relative asymmetry of an operator that is symmetric
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
@@ -147,6 +149,18 @@ def _resolved(rod: Rod) -> tuple[Rod, Array]:
     return Rod(rod.section, rod.load, mesh, samples.q, samples.r, samples.force, samples.moment), old
 
 
+def _parts(rod: Rod) -> Iterator[Rod]:
+    """Yield ``rod``, one shape or many along one axis, a few at a time: a large matrix each is much memory."""
+    size = 3 * (DEGREE * (len(rod.mesh) - 1) + 1)
+    few = max(1, MOST_ENTRIES // size**2)
+    if rod.q.ndim == 2 or len(rod.q) <= few:
+        yield rod
+        return
+    for first in range(0, len(rod.q), few):
+        some = (getattr(rod, name)[first : first + few] for name in ("q", "r", "force", "moment"))
+        yield Rod(rod.section, rod.load, rod.mesh, *some)
+
+
 def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
     """Return what :func:`_assemble` does without the fields that the clamps forbid, and the load scale (...)."""
     matrix, constraint, mass = _assemble(rod)
@@ -182,9 +196,16 @@ def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
 
 def stability(rod: Rod, kind: Kind) -> Stability:
     """Return the stability of ``rod`` between ends of ``kind``."""
-    matrix, _, scale = _reduced(_resolved(rod)[0], kind)
-    values = np.linalg.eigvalsh(matrix) if _conservative(matrix) else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
-    return Stability(np.asarray(values[..., 0], dtype=float), np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
+    margins, indices = [], []
+    for part in _parts(_resolved(rod)[0]):
+        matrix, _, scale = _reduced(part, kind)
+        symmetric = _conservative(matrix)
+        values = np.linalg.eigvalsh(matrix) if symmetric else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
+        margins.append(np.asarray(values[..., 0], dtype=float))
+        indices.append(np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
+    if rod.q.ndim == 2:
+        return Stability(margins[0], indices[0])
+    return Stability(np.concatenate(margins), np.concatenate(indices))
 
 
 def surely_stable(rod: Rod, kind: Kind) -> bool:
@@ -194,7 +215,11 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
     where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
     symmetric part, and what it says of that is true of the real parts of all eigenvalues.
     """
-    matrix, constraint, mass, scale = _allowed(_resolved(rod)[0], kind)
+    return all(_surely_stable(part, kind) for part in _parts(_resolved(rod)[0]))
+
+
+def _surely_stable(rod: Rod, kind: Kind) -> bool:
+    matrix, constraint, mass, scale = _allowed(rod, kind)
     matrix = 0.5 * (matrix + np.swapaxes(matrix, -1, -2)) + (NEUTRAL * scale)[..., None, None] * mass
     if kind.start_position and kind.end_position:
         matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(constraint, -1, -2) @ constraint

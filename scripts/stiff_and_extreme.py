@@ -297,8 +297,8 @@ class Row:
 OUTCOMES = ("stable", "unstable", "refused", TIMEOUT, "rejected", CRASHED)
 
 
-def solve(case: Case, transcription: str, solver: str) -> Row:
-    """Solve one case by one method, check the shape, and measure it against a refined solve."""
+def solve(case: Case, transcription: str, solver: str, *, compare: bool = True) -> Row:
+    """Solve one case by one method, check the shape, and measure it against a refined solve where ``compare``."""
     cable, start, end, gravity = case.posed()
     begin = time.perf_counter()
     try:
@@ -320,7 +320,7 @@ def solve(case: Case, transcription: str, solver: str) -> Row:
         shape.iterations,
         shape.residual,
         shape.estimated_error,
-        _error(case, shape) if shape.ok else np.nan,
+        _error(case, shape) if shape.ok and compare else np.nan,
         shape.stable,
         shape.stability_margin,
         int(stability(shape.rod, CLAMPED).index) if shape.ok else -1,
@@ -345,7 +345,7 @@ def _error(case: Case, shape: ho.Shape) -> float:
 Job = tuple[Case, str, str]
 
 
-def _serve(pipe: Connection) -> None:
+def _serve(pipe: Connection, compare: bool) -> None:
     """Solve what comes through ``pipe`` until it closes."""
     solve(BASE, *METHODS[0])  # functions are built before anything is timed
     pipe.send(None)
@@ -354,16 +354,16 @@ def _serve(pipe: Connection) -> None:
             job = pipe.recv()
         except EOFError:
             return
-        pipe.send(solve(*job))
+        pipe.send(solve(*job, compare=compare))
 
 
 class _Worker:
     """A process that solves one job at a time, and can be killed: IPOPT can't be interrupted from within."""
 
-    def __init__(self) -> None:
+    def __init__(self, compare: bool) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, there = context.Pipe()
-        self.process = context.Process(target=_serve, args=(there,), daemon=True)
+        self.process = context.Process(target=_serve, args=(there, compare), daemon=True)
         self.process.start()
         there.close()
         self.job: Job | None = None
@@ -381,11 +381,11 @@ class _Worker:
         self.pipe.close()
 
 
-def run(jobs: Iterable[Job], processes: int, limit: float = LIMIT) -> Iterator[Row]:
+def run(jobs: Iterable[Job], processes: int, limit: float = LIMIT, *, compare: bool = True) -> Iterator[Row]:
     """Solve ``jobs`` in ``processes`` and yield their rows as they come; one that takes longer than ``limit`` s is
-    killed.
+    killed. ``compare`` is as in :func:`solve`.
     """
-    queue, workers = deque(jobs), [_Worker() for _ in range(processes)]
+    queue, workers = deque(jobs), [_Worker(compare) for _ in range(processes)]
     try:
         while queue or any(worker.job for worker in workers):
             ready = wait([worker.pipe for worker in workers], timeout=0.5)
@@ -395,12 +395,12 @@ def run(jobs: Iterable[Job], processes: int, limit: float = LIMIT) -> Iterator[R
                         row = worker.pipe.recv()
                     except EOFError:  # the process died
                         row = _lost(worker, CRASHED)
-                        workers[k] = _Worker()
+                        workers[k] = _Worker(compare)
                     else:
                         worker.ready, worker.job = True, None
                 elif worker.job and time.perf_counter() - worker.since > limit:
                     row = _lost(worker, TIMEOUT)
-                    workers[k] = _Worker()
+                    workers[k] = _Worker(compare)
                 else:
                     continue
                 if row is not None:

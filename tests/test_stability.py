@@ -257,3 +257,17 @@ def test_shaft_under_a_dead_end_torque():
         assert shape.stability_margin == pytest.approx(least(torque), abs=1e-3)
         assert shape.stable == (least(torque) > 0)
     assert least(4.0) > 0 > least(4.1)
+
+
+def test_many_shapes_looked_at_a_few_at_a_time_are_the_same(monkeypatch):
+    forces = (0.5, 2.0, 3.0, 30.0)  # on either side of pi^2 / 4, where a cantilever gives way
+    rods = [straight(-force * UP) for force in forces]
+    stacked = (np.stack([getattr(one, name) for one in rods]) for name in ("q", "r", "force", "moment"))
+    many = Rod(rods[0].section, rods[0].load, MESH, *stacked)
+    alone = [stability(rod, CANTILEVER) for rod in rods]
+    for entries in (1, 10_000_000):
+        monkeypatch.setattr("harness_opt.stability.MOST_ENTRIES", entries)
+        found = stability(many, CANTILEVER)
+        assert found.index.tolist() == [int(one.index) for one in alone] == [0, 0, 2, 4]
+        assert found.margin == pytest.approx([float(one.margin) for one in alone], rel=1e-6)
+        assert not surely_stable(many, CANTILEVER)

@@ -32,19 +32,6 @@ ROUNDS = 2000  # of the iteration that solves larger problems
 
 
 @dataclass(frozen=True)
-class _Equilibrated:
-    """SuperLU's factors of a matrix whose rows and columns were scaled: for those that would spoil its pivots."""
-
-    lu: Any
-    rows: Array
-    columns: Array
-
-    def solve(self, b: Array) -> Array:
-        """Return y (n,) or (n, k) with A y = b."""
-        return np.asarray((self.columns * self.lu.solve((self.rows * b.T).T).T).T)
-
-
-@dataclass(frozen=True)
 class Factor:
     """A factorised Jacobian.
 
@@ -100,18 +87,15 @@ def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
     if lu is None:
         return Factor(jacobian, None)
     condition, right = _condition(jacobian, lu, "T", "N")
-    if condition < BENIGN:
-        return Factor(jacobian, lu, condition=condition)
-    equilibrated, scaled = _scaled(jacobian)
+    scaled = condition if condition < BENIGN else min(condition, _scaled_condition(jacobian))
     if condition < CONDITION_LIMIT or scaled < limit:
-        used = lu if condition < CONDITION_LIMIT or equilibrated is None else equilibrated
-        return Factor(jacobian, used, condition=min(condition, scaled))
+        return Factor(jacobian, lu, condition=scaled)
     if np.isfinite(condition):
         left = _condition(jacobian, lu, "N", "T")[1]
         size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
         border = sp.block_array([[jacobian, size * left[:, None]], [size * right[None, :], None]], format="csc")
         bordered = _lu(border)
-        if bordered is not None and (scaled := _scaled(border)[1]) < limit:
+        if bordered is not None and (scaled := _scaled_condition(border)) < limit:
             return Factor(jacobian, bordered, bordered=True, condition=scaled)
     return Factor(jacobian, None)
 
@@ -150,11 +134,11 @@ def _equilibrated(matrix: sp.csc_array) -> tuple[sp.csc_array, Array, Array]:
     return sp.csc_array(scaled @ sp.diags_array(columns)), rows, columns
 
 
-def _scaled(matrix: sp.csc_array) -> tuple[_Equilibrated | None, float]:
-    """Return ``matrix`` factorised with its rows and columns scaled, and the condition number then."""
-    scaled, rows, columns = _equilibrated(matrix)
+def _scaled_condition(matrix: sp.csc_array) -> float:
+    """Return the condition number of ``matrix`` with rows and columns scaled."""
+    scaled = _equilibrated(matrix)[0]
     lu = _lu(scaled)
-    return (None, np.inf) if lu is None else (_Equilibrated(lu, rows, columns), _condition(scaled, lu, "T", "N")[0])
+    return np.inf if lu is None else _condition(scaled, lu, "T", "N")[0]
 
 
 def _condition(matrix: sp.csc_array, lu: Any, first: str, second: str) -> tuple[float, Array]:
