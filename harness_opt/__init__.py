@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .html_report import write_report
     from .motion import simulate
     from .multistart import equilibria
-    from .outer_loop import Redesign, redesign
+    from .outer_loop import Redesign
     from .playback import display
     from .playback_error import DisplayError, display_error
     from .pose import Shape, equilibrium
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Cable,
         CableRun,
         Capsule,
+        Coupling,
         Cylinder,
         Design,
         End,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from .profile import Path, Profile, disperse, load_profiles, profiles, save_profiles
     from .report import clearances, write_results
     from .results import Motion
+    from .robust_loop import redesign
     from .studies import study
     from .study_file import read_study
     from .tolerances import Tolerance
@@ -57,6 +59,7 @@ _ROOMS = {
         "Cable",
         "CableRun",
         "Capsule",
+        "Coupling",
         "Cylinder",
         "Design",
         "End",
@@ -68,7 +71,8 @@ _ROOMS = {
         "Variable",
     ),
     "problem_file": ("read_problem", "write_problem"),
-    "outer_loop": ("Redesign", "redesign"),
+    "outer_loop": ("Redesign",),
+    "robust_loop": ("redesign",),
     "playback": ("display",),
     "playback_error": ("DisplayError", "display_error"),
     "pose": ("Shape", "equilibrium"),

@@ -47,11 +47,20 @@ def against_cable(task: Task, curves: CurvePair) -> Found:
 
 
 def least_gap(task: Task) -> float:
+    """Return :func:`arc_apart` of the cable of ``task``, m."""
+    return arc_apart(task.radius, task.limit)
+
+
+def arc_apart(radius: float, limit: float | None) -> float:
     """Return the least arc, m, between two points of one cable that count against each other.
 
     It is that of a hairpin, a half circle, whose limbs stand just the limit apart.
+
+    Args:
+        radius: of the cable, m.
+        limit: of its clearance, m; None is none.
     """
-    return 0.5 * math.pi * (2 * task.radius + (task.limit or 0.0))
+    return 0.5 * math.pi * (2 * radius + (limit or 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,9 @@ from .progress import Abandoned
 from .running import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
 
 if TYPE_CHECKING:
-    from .motion import Progress
     from .outer_loop import Redesign
     from .problem import Problem
+    from .progress import Shown
     from .results import Motion
 
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
@@ -237,7 +237,7 @@ def simulate(
     """
     chosen = {name: value for name, value in numerics.items() if value is not None}
 
-    def solve(problem: Problem, progress: Progress) -> Motion:
+    def solve(problem: Problem, progress: Shown) -> Motion:
         from .motion import simulate
 
         if out_and_back:
@@ -252,28 +252,36 @@ def simulate(
 @_running
 @_folders
 @_seconds
+@click.option(
+    "--pareto", metavar="FIRST,SECOND",
+    help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
+    "for each point. Of length, change, clearance, bend_radius, twist, clamp_force, clamp_moment.",
+)  # fmt: skip
 def redesign(
     file: Path,
     folder: Path | None,
     as_json: bool,
     quiet: bool,
     pictures: bool,
+    *,
     folders: tuple[Path, ...],
     seconds: float | None,
+    pareto: str | None,
 ) -> int:
     """Change the design of FILE as little as holds every limit over the whole motion.
 
-    DIR/redesigned.toml is a problem file that simulate passes.
+    DIR/redesigned.toml is a problem file that simulate passes. A redesign that was interrupted goes on where it was.
 
     \b
     harness-opt redesign problems/lift_arm/lift_arm.toml -o results/better
+    harness-opt redesign problems/door/door.toml --pareto change,clearance
     harness-opt simulate results/better/redesigned.toml
     """
 
-    def solve(problem: Problem, progress: Progress) -> Redesign:
-        from .outer_loop import redesign
+    def solve(problem: Problem, progress: Shown) -> Redesign:
+        from .redesign_run import redesigned
 
-        return redesign(problem, progress=progress, throw=False)
+        return redesigned(problem, progress, folder or Path("results") / file.stem, pareto)
 
     wanted = Wanted(folder, as_json, quiet, pictures, seconds=seconds, folders=folders)
     return run("redesign", file, wanted, solve, VOICE)

@@ -43,7 +43,9 @@ def facts(problem: Problem, scene: Scene) -> Json:
         "parts": parts,
         "limits": {name: limit for name, limit in vars(problem.limits).items() if limit is not None},
         "design": {v.name: [v.lower, v.upper] for v in problem.design.variables},
-        "minimise": problem.design.minimise,
+        "coupled": {c.name: c.words for c in problem.design.couplings},
+        "minimise": None if problem.design.maximise else problem.design.minimise,
+        "maximise": problem.design.maximise,
         "left_out": _reasons(problem),
         "warnings": [*doubts(problem), *scene.warnings],
     }
@@ -230,7 +232,9 @@ def _limit_lines(content: Mapping[str, Any]) -> Iterator[str]:
         yield f"Limits: {', '.join(limits)}."
     if content["design"]:
         changed = ", ".join(f"{name} in [{a:g}, {b:g}]" for name, (a, b) in content["design"].items())
-        yield f"A redesign would change {changed}, for the least {content['minimise']}."
+        aim = f"the least {content['minimise']}" if content["minimise"] else "the largest worst margin"
+        follow = "".join(f"; {name} follows, = {words}" for name, words in content["coupled"].items())
+        yield f"A redesign would change {changed}{follow}, for {aim}."
 
 
 def _mm(length: float) -> str:

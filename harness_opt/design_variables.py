@@ -11,10 +11,11 @@ import numpy as np
 
 from . import rotations
 from .errors import ProblemError
-from .problem import Design, End, Problem, Variable
+from .problem import Cable, End, Problem, Variable
 from .rotations import Array
 
 AXES = ("x", "y", "z")
+PROPERTIES = ("bending_stiffness", "torsional_stiffness", "mass_per_length")  # that have rates too
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,20 @@ class Target:
     Args:
         cable: its name.
         side: "start" or "end"; None for the length.
-        quantity: "length", "position" or "rotate".
-        axis: 0, 1 or 2; 0 for the length.
+        quantity: "length", "position", "rotate", or one of PROPERTIES.
+        axis: 0, 1 or 2; 0 where there is none.
     """
 
     cable: str
     side: Literal["start", "end"] | None
-    quantity: Literal["length", "position", "rotate"]
+    quantity: str
     axis: int
+
+    @property
+    def unit(self) -> str:
+        """Of its values."""
+        units = {"rotate": "deg", "bending_stiffness": "N m2", "torsional_stiffness": "N m2", "mass_per_length": "kg/m"}
+        return units.get(self.quantity, "m")
 
 
 def target(name: str) -> Target:
@@ -40,9 +47,9 @@ def target(name: str) -> Target:
     Raises:
         ProblemError: a name of another form.
     """
-    cable, _, rest = name.rpartition(".length")
-    if cable and not rest:
-        return Target(cable, None, "length", 0)
+    for quantity in ("length", *PROPERTIES):
+        if name.endswith(f".{quantity}") and len(name) > len(quantity) + 1:
+            return Target(name[: -len(quantity) - 1], None, quantity, 0)
     for side in ("start", "end"):
         for axis, letter in enumerate(AXES):
             for quantity, ending in (
@@ -50,7 +57,7 @@ def target(name: str) -> Target:
                 ("rotate", f".{side}.rotate_{letter}_deg"),
             ):
                 if name.endswith(ending) and len(name) > len(ending):
-                    return Target(name[: -len(ending)], side, quantity, axis)  # type: ignore[arg-type]
+                    return Target(name[: -len(ending)], side, quantity, axis)
     raise ProblemError(
         f"design.variables.{name}: found no such quantity, expected CABLE.length, CABLE.start.position.x or "
         "CABLE.end.rotate_x_deg and the like"
@@ -70,20 +77,68 @@ def names(problem: Problem) -> list[str]:
     return found
 
 
+def properties(problem: Problem) -> list[str]:
+    """Return the names of the cables' properties, which have rates as design variables have."""
+    return [f"{cable}.{quantity}" for cable in problem.cables for quantity in PROPERTIES]
+
+
+def value(problem: Problem, name: str) -> float:
+    """Return the present value of ``name``; turns are 0, being counted from the pose given.
+
+    Of a flat section's bending stiffness, the mean whose square is kx ky.
+    """
+    what = target(name)
+    run = problem.cables[what.cable]
+    if what.quantity == "rotate":
+        return 0.0
+    if what.quantity == "bending_stiffness":
+        return float(np.sqrt(np.prod(run.cable.stiffness[:2])))
+    if what.side is None:
+        return float(getattr(run.cable, what.quantity))
+    return float(getattr(run, what.side).position[what.axis])
+
+
 def values(problem: Problem) -> Array:
-    """Return the present values (k,) of the design variables; turns are 0, being counted from the pose given."""
-    present = []
-    for variable in problem.design.variables:
-        what = target(variable.name)
-        run = problem.cables[what.cable]
-        if what.quantity == "length":
-            present.append(run.cable.length)
-        elif what.quantity == "position":
-            end: End = getattr(run, what.side)  # type: ignore[arg-type]
-            present.append(end.position[what.axis])  # type: ignore[index]
-        else:
-            present.append(0.0)
-    return np.array(present)
+    """Return the present values (k,) of the design variables."""
+    return np.array([value(problem, variable.name) for variable in problem.design.variables])
+
+
+def bounds(problem: Problem) -> tuple[Array, Array]:
+    """Return the lower and upper bounds (k,) of the design variables."""
+    variables = problem.design.variables
+    return np.array([v.lower for v in variables]), np.array([v.upper for v in variables])
+
+
+def moved(problem: Problem) -> dict[str, tuple[float, float]]:
+    """Return what does not stand where the design may begin, by name: where it stands, and where it is moved to.
+
+    Variables outside their bounds are moved inside, and what is coupled goes where it belongs.
+    """
+    begin = np.clip(values(problem), *bounds(problem))
+    names, matrix, offset = _linear(problem)
+    told = {}
+    for name, place in zip(names, matrix @ begin + offset, strict=True):
+        given = value(problem, name)
+        if abs(place - given) > 1e-12 * (1.0 + abs(given)):
+            told[name] = (given, float(place))
+    return told
+
+
+def lengths(problem: Problem) -> Array:
+    """Return how much all cables together grow with each design variable, (k,), m per unit."""
+    names, matrix, _ = _linear(problem)
+    return np.array([float(target(name).quantity == "length") for name in names]) @ matrix
+
+
+def _linear(problem: Problem) -> tuple[list[str], Array, Array]:
+    """Return the names of all n quantities that change, and matrix (n, k) and offset (n,) that give their values."""
+    variables, couplings = problem.design.variables, problem.design.couplings
+    names = [variable.name for variable in variables]
+    followers = np.zeros((len(couplings), len(names)))
+    for row, coupling in zip(followers, couplings, strict=True):
+        row[names.index(coupling.leader)] = coupling.factor
+    offset = np.array([0.0] * len(names) + [coupling.offset for coupling in couplings])
+    return [*names, *(c.name for c in couplings)], np.vstack([np.eye(len(names)), followers]), offset
 
 
 def _turn(turns: dict[int, float]) -> Array:
@@ -95,27 +150,28 @@ def _turn(turns: dict[int, float]) -> Array:
 
 
 def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
-    """Return ``problem`` with its design variables set to ``design`` (k,).
+    """Return ``problem`` with its design variables set to ``design`` (k,), and what is coupled with them.
 
     Clamps turn about their own d1, then d2, then d3. Bounds on turns are kept as they are; see :func:`rebased`.
     """
     runs = dict(problem.cables)
     turns: dict[tuple[str, str], dict[int, float]] = {}
-    for variable, value in zip(problem.design.variables, design, strict=True):
-        what = target(variable.name)
+    names, matrix, offset = _linear(problem)
+    for name, number in zip(names, (matrix @ np.asarray(design, dtype=float) + offset).tolist(), strict=True):
+        what = target(name)
         run = runs[what.cable]
-        if what.quantity == "length":
-            runs[what.cable] = dataclasses.replace(run, cable=dataclasses.replace(run.cable, length=float(value)))
+        if what.side is None:
+            runs[what.cable] = dataclasses.replace(run, cable=_with_property(run.cable, what.quantity, number))
         elif what.quantity == "position":
-            end: End = getattr(run, what.side)  # type: ignore[arg-type]
+            end: End = getattr(run, what.side)
             position = list(end.position)  # type: ignore[arg-type]
-            position[what.axis] = float(value)
+            position[what.axis] = number
             runs[what.cable] = dataclasses.replace(
                 run,
                 **{what.side: dataclasses.replace(end, position=tuple(position))},  # type: ignore[arg-type]
             )
         else:
-            turns.setdefault((what.cable, what.side), {})[what.axis] = float(value)  # type: ignore[arg-type]
+            turns.setdefault((what.cable, what.side), {})[what.axis] = number
     for (cable, side), angles in turns.items():
         end = getattr(runs[cable], side)
         turned = tuple(rotations.multiply(np.asarray(end.quaternion), _turn(angles)).tolist())
@@ -123,24 +179,44 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
     return dataclasses.replace(problem, cables=runs)
 
 
+def _with_property(cable: Cable, quantity: str, number: float) -> Cable:
+    """Return ``cable`` with a quantity set; a flat section's bending stiffnesses keep their ratio."""
+    if quantity != "bending_stiffness" or not isinstance(cable.bending_stiffness, tuple):
+        return dataclasses.replace(cable, **{quantity: number})  # type: ignore[arg-type]
+    kx, ky = cable.bending_stiffness
+    share = number / float(np.sqrt(kx * ky))
+    return dataclasses.replace(cable, bending_stiffness=(share * kx, share * ky))
+
+
 def rebased(problem: Problem, design: Array) -> Problem:
-    """Return :func:`apply` with the bounds on turns counted from the new poses, as a written file must have them."""
-    variables = []
-    for variable, value in zip(problem.design.variables, design, strict=True):
-        turned = float(value) if target(variable.name).quantity == "rotate" else 0.0
-        variables.append(Variable(variable.name, variable.lower - turned, variable.upper - turned))
-    applied = apply(problem, design)
-    return dataclasses.replace(applied, design=Design(problem.design.minimise, tuple(variables)))
+    """Return :func:`apply` with what counts turns counting them from the new poses, as a written file must have it."""
+    names, matrix, offset = _linear(problem)
+    turned = {
+        name: float(number) if target(name).quantity == "rotate" else 0.0
+        for name, number in zip(names, matrix @ design + offset, strict=True)
+    }
+    variables = tuple(
+        Variable(v.name, v.lower - turned[v.name], v.upper - turned[v.name]) for v in problem.design.variables
+    )
+    couplings = tuple(
+        dataclasses.replace(c, offset=c.offset + c.factor * turned[c.leader] - turned[c.name])
+        for c in problem.design.couplings
+    )
+    changed = dataclasses.replace(problem.design, variables=variables, couplings=couplings)
+    return dataclasses.replace(apply(problem, design), design=changed)
 
 
 @dataclass(frozen=True)
 class ClampRates:
-    """How the clamps and the length of one cable move with k design variables, in P frames.
+    """How the clamps, the length and the properties of one cable move with k design variables, in P frames.
 
     Args:
         start, end: of the clamps' world positions, (P, 3, k), m per unit of the variable.
         start_turn, end_turn: of the clamps' orientations, in their own section frames, (3, k), rad per unit.
         length: (k,), m per unit.
+        stiffness: of (kx, ky, kz), relative, (3, k), 1 per unit.
+        mass_per_length: (k,), kg/m per unit.
+        gravity: of the problem, (3,), m/s2.
     """
 
     start: Array
@@ -148,6 +224,9 @@ class ClampRates:
     start_turn: Array
     end_turn: Array
     length: Array
+    stiffness: Array
+    mass_per_length: Array
+    gravity: Array
 
 
 def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> ClampRates:
@@ -159,28 +238,39 @@ def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> C
         design: present values.
         motion: (P,) of the frames.
     """
-    variables = problem.design.variables
-    count, run = len(variables), problem.cables[cable]
-    targets = [target(variable.name) for variable in variables]
+    names, matrix, offset = _linear(problem)
+    place = dict(zip(names, matrix @ np.asarray(design, dtype=float) + offset, strict=True))
+    count, run = len(names), problem.cables[cable]
+    targets = [target(name) for name in names]
     angles: dict[str, dict[int, float]] = {"start": {}, "end": {}}
-    for what, value in zip(targets, design, strict=True):
-        if what.cable == cable and what.quantity == "rotate":
-            angles[what.side][what.axis] = float(value)  # type: ignore[index]
-    place = {side: np.zeros((len(motion), 3, count)) for side in ("start", "end")}
+    for name, what in zip(names, targets, strict=True):
+        if what.cable == cable and what.side is not None and what.quantity == "rotate":
+            angles[what.side][what.axis] = float(place[name])
+    moves = {side: np.zeros((len(motion), 3, count)) for side in ("start", "end")}
     turn = {side: np.zeros((3, count)) for side in ("start", "end")}
-    length = np.zeros(count)
-    for j, what in enumerate(targets):
+    own = {quantity: np.zeros(count) for quantity in ("length", *PROPERTIES)}
+    for j, (name, what) in enumerate(zip(names, targets, strict=True)):
         if what.cable != cable:
             continue
         if what.side is None:
-            length[j] = 1.0
-            continue
-        if what.quantity == "position":
+            # stiffnesses scale, so that their rates are relative
+            own[what.quantity][j] = 1.0 / place[name] if what.quantity.endswith("stiffness") else 1.0
+        elif what.quantity == "position":
             quaternions = problem.poses(getattr(run, what.side).body, motion)[1]
-            place[what.side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
+            moves[what.side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
         else:
             # the turns that come after this one carry its axis along: seen from the final section frame
             after = {axis: angle for axis, angle in angles[what.side].items() if axis > what.axis}
             axis = rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[what.axis])
             turn[what.side][:, j] = np.deg2rad(1.0) * axis
-    return ClampRates(place["start"], place["end"], turn["start"], turn["end"], length)
+    stiffness = np.stack([own["bending_stiffness"], own["bending_stiffness"], own["torsional_stiffness"]])
+    return ClampRates(
+        moves["start"] @ matrix,
+        moves["end"] @ matrix,
+        turn["start"] @ matrix,
+        turn["end"] @ matrix,
+        own["length"] @ matrix,
+        stiffness @ matrix,
+        own["mass_per_length"] @ matrix,
+        np.asarray(problem.gravity),
+    )

@@ -12,7 +12,7 @@ from typing import Any
 
 from .file_places import MOST_MESH_BYTES, Places
 from .file_schema import INVALID, MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
-from .file_values import MESH_UNITS, KeyPath, Mistake, one_of, shown
+from .file_values import MESH_UNITS, KeyPath, Mistake, coupling, one_of, shown
 from .problem import WORLD
 
 Tree = Mapping[str, Any]
@@ -173,10 +173,13 @@ def variables_of(cable: str) -> dict[str, tuple[str, str] | None]:
 
 
 def _variables(tree: Tree) -> Iterator[Mistake]:
+    if "cables" not in tree or tree["cables"] is INVALID:
+        return
     known = {name: (cable, need) for cable in table(tree, "cables") for name, need in variables_of(cable).items()}
-    for name, bounds in table(tree, "design", "variables").items():
+    given = table(tree, "design", "variables")
+    for name, bounds in given.items():
         path = ("design", "variables", name)
-        if isinstance(bounds, Mapping) or "cables" not in tree or tree["cables"] is INVALID:
+        if isinstance(bounds, Mapping):
             continue
         if name not in known:
             yield path, f"found an unknown variable, expected {_nearest_variable(known, name)}"
@@ -184,8 +187,41 @@ def _variables(tree: Tree) -> Iterator[Mistake]:
         cable, need = known[name]
         if need is not None:
             yield from _given(path, tree, cable, need)
-        if bounds is not INVALID:
+        if isinstance(bounds, str):
+            yield from _coupling(path, bounds, given)
+        elif bounds is not INVALID:
             yield from _bounds(path, bounds, is_length=need is None)
+    yield from _preferences(tree, {name for name, bounds in given.items() if not isinstance(bounds, str)})
+
+
+def _coupling(path: KeyPath, text: str, given: Tree) -> Iterator[Mistake]:
+    """Check what follows another variable: one with bounds, in the same unit."""
+    found, name = coupling(text), path[-1]
+    free = [other for other, bounds in given.items() if not isinstance(bounds, str)]
+    if found is None:
+        words = (
+            'expected text such as "= lead.start.position.x", "= -lead.end.rotate_x_deg" or "= 2 * lead.length + 0.01"'
+        )
+        yield path, f"found {shown(text)}, {words}"
+    elif found[0] not in free:
+        yield path, f"found {shown(text)}, expected a variable with bounds: {one_of(free, found[0])}"
+    elif found[0].endswith("_deg") != name.endswith("_deg"):
+        yield path, f"found {shown(text)}, expected a variable in the same unit"
+    elif name.endswith(".length") and isinstance(given[found[0]], (list, tuple)):
+        least = min(found[1] * bound + found[2] for bound in given[found[0]])
+        if not least > 0:
+            yield path, f"found {shown(text)}, which may be {least:.6g}, expected a length above 0"
+
+
+def _preferences(tree: Tree, free: set[str]) -> Iterator[Mistake]:
+    """Check what a redesign prefers."""
+    design = table(tree, "design")
+    for name in table(design, "weights"):
+        if name not in free:
+            found = "found a weight of no variable with bounds"
+            yield ("design", "weights", name), f"{found}, expected {one_of(sorted(free), name) or 'variables first'}"
+    if "maximise" in design and "minimise" in design:
+        yield ("design", "maximise"), "found minimise as well, expected one of the two"
 
 
 def _nearest_variable(known: Mapping[str, Any], name: str) -> str:

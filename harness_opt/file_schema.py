@@ -250,13 +250,22 @@ class DesignTable(Table):
     """What a redesign may change and what it prefers."""
 
     minimise: Annotated[Literal["change", "length"], Expected(one_of(("change", "length")))] = Field(
-        default="change", description="Least change from this design, or least length."
+        default="change", description="Least change from this design, or least length of all cables together."
+    )
+    maximise: Annotated[Literal["margin"], Expected(one_of(("margin",)))] | None = Field(
+        default=None, description="In place of minimise: the largest worst margin, each as a share of its limit."
+    )
+    snaps: Flag = Field(default=False, description="Whether cables may snap to other shapes on the way.")
+    weights: dict[str, NotNegative] = Field(
+        default_factory=dict,
+        description="Of the change of a variable, by name; 1 where left out, and changes count in the bounds' ranges.",
     )
     variables: dict[str, Bounds] = Field(
         default_factory=dict,
         description="Absolute [lower, upper] by name: CABLE.length (m), CABLE.start.position.x (m, body "
         "coordinates), CABLE.end.rotate_x_deg (degrees about the clamp's own d1, from the pose "
-        "given) and the like.",
+        'given) and the like; or text that has it follow another variable: "= lead.start.position.x", '
+        '"= 2 * lead.length - 0.01".',
     )
 
 

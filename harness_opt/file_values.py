@@ -135,5 +135,31 @@ Quaternion = Annotated[
     AfterValidator(_unit),
 ]
 Bending = Annotated[_Above0 | tuple[_Above0, _Above0], Expected("a number above 0, or [kx, ky], two numbers above 0")]
-Bounds = Annotated[tuple[_Finite, _Finite], Expected("[lower, upper], two numbers")]
+COUPLING = re.compile(
+    r"\s*=\s*(?:(?P<factor>[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\*\s*|(?P<minus>-)\s*)?"
+    r"(?P<leader>.+?\.(?:length|(?:start|end)\.(?:position\.[xyz]|rotate_[xyz]_deg)))"
+    r"(?:\s*(?P<sign>[-+])\s*(?P<offset>[\d.]+(?:[eE][-+]?\d+)?))?\s*"
+)
+Bounds = Annotated[
+    tuple[_Finite, _Finite] | Annotated[str, Field(strict=True)],
+    Expected('[lower, upper], two numbers, or text such as "= lead.start.position.x", "= 2 * lead.length + 0.01"'),
+]
+
+
+def coupling(text: str) -> tuple[str, float, float] | None:
+    """Return the variable that ``text`` names, the factor and the offset; None where it is of another form.
+
+    ``= NAME``, ``= -NAME``, ``= 2 * NAME``, each with ``+ 0.01`` or ``- 0.01`` behind or not.
+    """
+    found = COUPLING.fullmatch(text)
+    if found is None:
+        return None
+    try:
+        factor = float(found["factor"]) if found["factor"] else -1.0 if found["minus"] else 1.0
+        offset = float((found["sign"] or "") + (found["offset"] or "0"))
+    except ValueError:  # such as 1.2.3
+        return None
+    return (found["leader"], factor, offset) if max(abs(factor), abs(offset)) <= LARGEST else None
+
+
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]

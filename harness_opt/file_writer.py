@@ -246,10 +246,16 @@ def _design(document: Any, problem: Problem) -> None:
     design = problem.design
     if design == type(design)():
         return
-    table = _fill(tomlkit.table(), [("minimise", design.minimise, "change | length")])
+    goal: Rows = [("minimise", design.minimise, "change | length")]
+    if design.maximise is not None:
+        goal = [("maximise", design.maximise, "the largest worst margin")]
+    table = _fill(tomlkit.table(), [*goal, ("snaps", True if design.snaps else None, "allowed")])
+    if design.weights:
+        table.add("weights", _fill(tomlkit.table(), [(name, float(w), "") for name, w in design.weights.items()]))
     if design.variables:
         units = {"deg": "degrees, from the pose given"}
-        rows = [(v.name, [float(v.lower), float(v.upper)], units.get(v.name[-3:], "m")) for v in design.variables]
+        rows: Rows = [(v.name, [float(v.lower), float(v.upper)], units.get(v.name[-3:], "m")) for v in design.variables]
+        rows += [(c.name, f"= {c.words}", "") for c in design.couplings]
         table.add("variables", _fill(tomlkit.table(), rows))
     document["design"] = table
 

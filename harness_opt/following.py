@@ -100,7 +100,8 @@ class Follower:
                 self._append(solved)
                 if self.progress:
                     self.progress(self.name, len(self.frames), total)
-            lost = self._first_unstable(checked) if check else None
+            # a cable that was lost on the way to the last frame leaves none to check
+            lost = self._first_unstable(checked) if check and checked < len(self.frames) else None
             if lost is None:
                 checked = len(self.frames)
                 if checked == total:

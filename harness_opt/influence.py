@@ -190,7 +190,10 @@ def _shape_rates(problem: Problem, name: str, swept: Sweep, frames: Array, sides
         return np.stack([getattr(column, field) for column in columns], axis=-1) if columns else np.zeros(shape)
 
     unknowns = np.zeros((len(frames), 0, len(sides)))  # of no use here
-    return ShapeRates(stacked("position"), stacked("curvature"), stacked("force"), stacked("moment"), unknowns)
+    return ShapeRates(
+        stacked("position"), stacked("curvature"), stacked("force"), stacked("moment"), unknowns,
+        np.array([_cable_rate(side, name, "length") for side in sides]),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

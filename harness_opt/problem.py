@@ -261,16 +261,44 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class Coupling:
+    """A quantity that follows a design variable: ``factor`` times its value plus ``offset``.
+
+    ``name`` and ``leader`` are names as those of variables; values are absolute, in the units of their keys.
+    """
+
+    name: str
+    leader: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """As a problem file has it, behind an equals sign."""
+        factor = "" if self.factor == 1.0 else f"{float(self.factor)!r} * "
+        offset = f" {'-' if self.offset < 0 else '+'} {abs(float(self.offset))!r}" if self.offset else ""
+        return f"{factor}{self.leader}{offset}"
+
+
+@dataclass(frozen=True)
 class Design:
     """What a redesign may change and what it prefers.
 
     Args:
-        minimise: "change" (least change from the given design) or "length".
+        minimise: "change" (least change from the given design) or "length" (of all cables together).
         variables: the design variables.
+        couplings: quantities that follow them.
+        weights: of the change of a variable, by name, 1 where left out; 0 changes it for nothing.
+        maximise: "margin" asks for the largest worst margin instead, each as a share of its limit; None does not.
+        snaps: whether the cables may snap on the way.
     """
 
     minimise: Literal["change", "length"] = "change"
     variables: tuple[Variable, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    weights: Mapping[str, float] = field(default_factory=dict)
+    maximise: Literal["margin"] | None = None
+    snaps: bool = False
 
 
 @dataclass(frozen=True)

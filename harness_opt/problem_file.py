@@ -26,7 +26,7 @@ from .file_checks import SIDES, Tree, mistakes_between, table, value
 from .file_places import MEGABYTE, Places, unreadable
 from .file_quantities import robust_mistakes
 from .file_schema import schema
-from .file_values import Mistake, dotted, shown
+from .file_values import Mistake, coupling, dotted, shown
 from .file_writer import problem_text
 from .poses_file import parse_poses
 from .problem import (
@@ -37,6 +37,7 @@ from .problem import (
     Cable,
     CableRun,
     Capsule,
+    Coupling,
     Cylinder,
     Design,
     End,
@@ -357,8 +358,14 @@ def _limits(limits: file_schema.LimitsTable) -> Limits:
 
 
 def _design(design: file_schema.DesignTable) -> Design:
-    variables = tuple(Variable(name, lower, upper) for name, (lower, upper) in design.variables.items())
-    return Design(design.minimise, variables)
+    variables, couplings = [], []
+    for name, given in design.variables.items():
+        if isinstance(given, str):
+            leader, factor, offset = coupling(given) or (name, 1.0, 0.0)  # checked before
+            couplings.append(Coupling(name, leader, factor, offset))
+        else:
+            variables.append(Variable(name, *given))
+    return Design(design.minimise, tuple(variables), tuple(couplings), design.weights, design.maximise, design.snaps)
 
 
 def _robust(robust: file_schema.RobustTable | None) -> Robust | None:

@@ -114,31 +114,45 @@ def _within(frame: FrameType | None, package: str) -> bool:
     return False
 
 
+class Shown:
+    """What is told of every frame, and of anything else in a line; between frames it is safe to stop."""
+
+    def __init__(self, interrupts: Interrupts, show: Progress | None, line: Callable[[str], None]):
+        self._interrupts, self._show, self.line = interrupts, show, line
+
+    def __call__(self, name: str, done: int, total: int) -> None:
+        """Tell of a frame."""
+        if self._show is not None:
+            self._show(name, done, total)
+        self._interrupts.stop_here()
+
+
 @contextlib.contextmanager
-def progress_for(interrupts: Interrupts, stream: TextIO | None, counted: str = "frames") -> Iterator[Progress]:
-    """Give the function that is told of every frame; between frames it is safe to stop.
+def progress_for(interrupts: Interrupts, stream: TextIO | None, counted: str = "frames") -> Iterator[Shown]:
+    """Give what is told of every frame; between frames it is safe to stop.
 
     Args:
         interrupts: asked after every frame.
         stream: where to show the progress, as a bar if it is a terminal; None shows nothing.
         counted: what is counted, for logs.
     """
-    with contextlib.ExitStack() as stack:
-        show: Progress | None = None
-        if stream is not None:
-            show = stack.enter_context(_bar(stream)) if stream.isatty() else _lines(stream, counted)
+    if stream is None:
+        yield Shown(interrupts, None, lambda _: None)
+    elif stream.isatty():
+        with _bar(stream) as (show, line):
+            yield Shown(interrupts, show, line)
+    else:
 
-        def told(name: str, done: int, total: int) -> None:
-            if show is not None:
-                show(name, done, total)
-            interrupts.stop_here()
+        def write(words: str) -> None:
+            stream.write(f"{words}\n")
+            stream.flush()
 
-        yield told
+        yield Shown(interrupts, _lines(stream, counted), write)
 
 
 @contextlib.contextmanager
-def _bar(stream: TextIO) -> Iterator[Progress]:
-    """Give a progress that draws a bar for each name."""
+def _bar(stream: TextIO) -> Iterator[tuple[Progress, Callable[[str], None]]]:
+    """Give a progress that draws a bar for each name, and what puts a line above the bars."""
     # a tenth of a second that only terminals need
     from rich.console import Console
     from rich.markup import escape
@@ -157,7 +171,7 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
                 tasks[name] = bars.add_task(escape(name))
             bars.update(tasks[name], completed=done, total=total or None)
 
-        yield show
+        yield show, lambda words: bars.console.print(escape(words), highlight=False)
 
 
 def _lines(stream: TextIO, counted: str) -> Progress:

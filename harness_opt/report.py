@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import checks, design_variables
+from . import checks
 from .body_motion import Poses
 from .clearance import Between, ClearanceResult, Options, PairClearance, measure
 from .data_sheet import DataSheet, data_sheets
@@ -25,6 +25,7 @@ from .limits import cable_limits, held
 from .plausibility import doubts
 from .problem import MeshFile, Problem
 from .problem_file import write_problem
+from .redesign_summary import DEGREES, redesign_summary
 from .result_folder import SUMMARY, read_summary, replacing
 from .results import CableMotion, LimitResult, Motion
 from .rotations import Array
@@ -39,8 +40,6 @@ Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
 Page = Callable[[Json, Path], str]  # writes a report of a summary into a folder
 
 SCHEMA = 1  # of the summary
-# the summary says limits in the words and units of the problem file: name there, and units there a unit here
-FILE_WORDS = {"twist": ("twist_deg_per_m", math.degrees(1.0))}
 PACKAGES = ("numpy", "scipy", "casadi", "trimesh", "coal", "pyvista")  # whose versions can matter
 PHASES = ("load", "solve", "clearance", "pictures")
 
@@ -147,7 +146,7 @@ def summary(
         "files": sorted({*files, SUMMARY}),
     }
     if command == "redesign":
-        content["redesign"] = _redesign(result)
+        content["redesign"] = redesign_summary(result, _limit)
     return _strict(content)
 
 
@@ -185,7 +184,7 @@ def _version(package: str) -> str:
 
 def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> Json:
     """Return a limit's row in the words and the unit of the problem file."""
-    name, unit = FILE_WORDS.get(row.name, (row.name, 1.0))
+    name, unit = DEGREES.get(row.name, (row.name, 1.0))
     entry = dataclasses.asdict(row) | {"name": name}
     entry |= {key: unit * entry[key] for key in ("limit", "worst", "margin", "tolerance")}
     if measured is not None and row.name == "clearance":
@@ -222,28 +221,6 @@ def _sheet(sheet: DataSheet) -> Json:
     cycles = [{key: value * (1.0 if key == "count" else turn) for key, value in c.items()} for c in twisting["cycles"]]
     entry["twist_range_deg_per_m"] = twisting | {"range": turn * twisting["range"], "cycles": cycles}
     return entry
-
-
-def _redesign(result: Motion | Redesign) -> Json:
-    if isinstance(result, Motion):  # the design given could not be simulated, so no other was looked for
-        problem = result.problem
-        given = zip(problem.design.variables, design_variables.values(problem), strict=True)
-        bounds = {v.name: (float(at), None, v.lower, v.upper) for v, at in given}
-        return {
-            "variables": {
-                name: dict(zip(("before", "after", "lower", "upper"), values, strict=True))
-                for name, values in bounds.items()
-            },
-            "iterations": 0,
-            "limits_before": [],
-            "active": [],
-        }
-    return {
-        "variables": {name: dataclasses.asdict(found) for name, found in result.variables.items()},
-        "iterations": result.iterations,
-        "limits_before": [_limit(row) for row in result.limits_before],
-        "active": list(result.active),
-    }
 
 
 def _largest(values: Iterable[Array]) -> float | None:
@@ -304,6 +281,10 @@ def write_results(
             _write_arrays(aside / "motion.npz", result.motion)
             _write_arrays(aside / "before.npz", result.motion_before)
             write_problem(result.problem, aside / "redesigned.toml")
+            if result.trade_off is not None:
+                from .trade_off_files import write_trade_off
+
+                write_trade_off(result.trade_off, aside)
         if pictures is not None:
             begin = time.perf_counter()
             pictures(result, aside)

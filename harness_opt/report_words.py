@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from . import redesign_words as words
 from . import tables
 from .clearance import ClearanceResult
 from .data_sheet import DataSheet, Ranging
@@ -150,6 +151,7 @@ def redesign_words(summary: Mapping[str, Any]) -> Iterator[str]:
     yield f"Found in {found['iterations']} steps; then simulated anew on twice the frames and twice the elements."
     if found["active"]:
         yield f"What holds the design where it is: {'; '.join(found['active'])}."
+    yield from words.redesign_words(summary)
 
 
 def before_after(summary: Mapping[str, Any]) -> list[Json]:

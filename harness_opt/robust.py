@@ -32,12 +32,14 @@ class Within:
         share: of what is built that holds all limits.
         corner: smallest margin at any corner of the tolerances, a share of its limit; below 0 is violated.
         by_limit: the share that holds each limit, by name.
-        allowances: by limit, what its nominal margin has to be at least, as a share of the limit.
+        nominal: by limit, the smallest margin of the nominal design, as a share of the limit.
+        allowances: by limit, what that margin has to be at least.
     """
 
     share: float
     corner: float
     by_limit: Mapping[str, float]
+    nominal: Mapping[str, float]
     allowances: Mapping[str, float]
 
     def holds(self, robust: Robust, slack: float) -> bool:
@@ -118,6 +120,7 @@ def judged(found: Linear, robust: Robust) -> Within:
         float(np.mean(np.all(held, axis=0))),
         float(np.min(corners)),
         dict(zip(found.names, np.mean(held, axis=1).tolist(), strict=True)),
+        dict(zip(found.names, nominal.tolist(), strict=True)),
         dict(zip(found.names, allowances.tolist(), strict=True)),
     )
 

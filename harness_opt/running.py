@@ -14,17 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .errors import HarnessError, ProblemError, SolveError, Status
-from .progress import Interrupts, progress_for
+from .progress import Interrupts, Shown, progress_for
 
 if TYPE_CHECKING:
     from .clearance import ClearanceResult
-    from .motion import Progress
     from .outer_loop import Redesign
     from .problem import Problem
     from .results import Motion
     from .scene import Scene
 
-    Solve = Callable[[Problem, Progress], Motion | Redesign]
+    Solve = Callable[[Problem, Shown], Motion | Redesign]
     _Found = tuple[Motion | Redesign, ClearanceResult | None, str]  # with the command that found it
     _Summary = dict[str, Any]
 
@@ -164,7 +163,7 @@ def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -
         voice.tell(summary["message"])
 
 
-def _solved(problem: Problem, solve: Solve, progress: Progress, interrupts: Interrupts) -> Motion | Redesign:
+def _solved(problem: Problem, solve: Solve, progress: Shown, interrupts: Interrupts) -> Motion | Redesign:
     """Return what ``solve`` finds, or what it had found when it gave up."""
     try:
         interrupts.stop_here()

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from .redesign_words import redesign_words
+
 WIDTH = 80
 NARROWEST = 6  # to which names are cut, if need be
 # unit shown, and how many of them are one of the problem file's unit
@@ -110,7 +112,7 @@ def limit_words(row: Mapping[str, Any]) -> str:
 def report(summary: Mapping[str, Any]) -> str:
     """Return a whole summary in words: title, limits, what changed, what to know, the verdict last."""
     blocks = [_headline(summary), table(summary["limits"]), data_sheet(summary), _changes(summary)]
-    told = [*notes(summary), conclusion(summary)]
+    told = [*notes(summary), *redesign_words(summary), conclusion(summary)]
     blocks.append("\n".join(_wrapped(note) for note in told))
     return "\n\n".join(block for block in blocks if block)
 

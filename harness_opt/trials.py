@@ -66,11 +66,6 @@ class Trial:
         """The row with the smallest margin."""
         return int(np.argmin(self.rows.margin))
 
-    @property
-    def violation(self) -> float:
-        """By how much, in scales of a limit, the worst limit misses what is asked for; snaps count on top."""
-        return max(0.0, -float(self.rows.margin[self.worst])) + SNAP_COST * len(self.motion.snaps)
-
 
 class Trials:
     """Simulates designs of one problem.
@@ -87,6 +82,8 @@ class Trials:
         self.frames = place_frames(problem)
         # asked for beyond each limit, in its scale; verifications add to it
         self.asked: defaultdict[str, float] = defaultdict(lambda: GUARD)
+        self.count = 0  # designs simulated
+        self.cold = False  # whether every design starts from nothing, as its file will: where one shape leads elsewhere
 
     def __call__(self, values: Array, near: Trial | None, *, stride: int = 1, look: bool = False) -> Trial | None:
         """Simulate the design ``values`` (k,); None where it cannot be simulated.
@@ -100,13 +97,14 @@ class Trials:
         Raises:
             KeyboardInterrupt: raised by ``progress``.
         """
+        self.count += 1
         indices = sorted({*range(0, len(self.frames), stride), len(self.frames) - 1})
         motion_values = self.frames[indices]
         try:
             changed = design_variables.apply(self.problem, values)
             sweeps = {}
             for name in changed.cables:
-                close = near.predicted(name, values) if near else {}
+                close = near.predicted(name, values) if near and not self.cold else {}
                 guesses = [close.get(index) for index in indices]
                 sweeps[name] = sweep(
                     changed, name, motion_values, solver=self.solver, guesses=guesses,

@@ -16,10 +16,11 @@ from typing import Any
 from .errors import ProblemError
 from .limits import all_limits
 from .motion import simulate
-from .outer_loop import redesign
 from .problem import Problem
-from .report import FILE_WORDS, clearances, verdict
+from .redesign_summary import DEGREES
+from .report import clearances, verdict
 from .results import LimitResult
+from .robust_loop import redesign
 from .workbench import Shared, version, workbench
 
 REFUSED = "refused"  # the values make no problem: a cable too short for its clamps, say
@@ -128,13 +129,13 @@ def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> Va
 
 def label(row: LimitResult) -> str:
     """Return the name of a limit in tables, in the file's words: "clearance.lead.bracket", "bend_radius.lead"."""
-    name = FILE_WORDS.get(row.name, (row.name, 1.0))[0]
+    name = DEGREES.get(row.name, (row.name, 1.0))[0]
     return ".".join((name, row.cable, row.part) if row.part else (name, row.cable))
 
 
 def in_file_units(row: LimitResult, value: float) -> float:
     """Return a value of a limit in the unit that the problem's file has for it."""
-    return FILE_WORDS.get(row.name, (row.name, 1.0))[1] * value
+    return DEGREES.get(row.name, (row.name, 1.0))[1] * value
 
 
 def scale(row: LimitResult, problem: Problem) -> float:

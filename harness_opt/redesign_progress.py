@@ -1,0 +1,85 @@
+"""What a person reads while a redesign goes on, and where one that was interrupted goes on."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .errors import Status
+from .redesign_words import UNITS
+from .result_folder import read_summary
+
+if TYPE_CHECKING:
+    from .filter_search import Step
+    from .outer_loop import Earlier
+    from .problem import Problem
+
+FALLS = 4.0  # times that a step becomes smaller from one iteration to the next, for a guess at the time left
+VERIFYING = 4.0  # iterations' worth of time that the verification takes, about
+DONE = 1e-3  # of the bounds' ranges: steps end there
+
+
+class Follower:
+    """Tells of every iteration of a redesign: worst limit and its margin, step, time left.
+
+    Args:
+        tell: shows a line.
+        done: iterations of an earlier run that this one goes on from.
+    """
+
+    def __init__(self, tell: Callable[[str], None], done: int = 0):
+        self._tell, self._done, self._count = tell, done, 0
+        self._begin = time.monotonic()
+
+    def __call__(self, step: Step) -> None:
+        """Tell of ``step``."""
+        self._count += 1
+        each = (time.monotonic() - self._begin) / self._count
+        more = max(0.0, math.log(max(step.step, DONE) / DONE) / math.log(FALLS))
+        self._tell(f"{words(step, self._done + self._count)}, about {each * (more + VERIFYING):.0f} s left")
+
+
+def words(step: Step, number: int) -> str:
+    """Return an iteration in words, without the time.
+
+    Args:
+        step: the iteration.
+        number: of it, from 1.
+    """
+    kind = next((kind for kind in UNITS if step.limit.startswith(_label(kind))), None)
+    unit, scale = ("", 1.0) if kind is None else UNITS[kind][:2]
+    amount = step.amount * scale * (math.degrees(1.0) if kind == "twist_deg_per_m" else 1.0)
+    held = f"{amount:.3g} {unit} to spare" if amount >= 0 else f"short by {-amount:.3g} {unit}"
+    kept = "" if step.accepted else ", not kept"
+    return f"iteration {number} ({step.aim}): {step.limit} {held}, step {100 * step.step:.2g} % of the bounds{kept}"
+
+
+def _label(kind: str) -> str:
+    return kind.removesuffix("_deg_per_m").replace("_", " ")
+
+
+def interrupted(folder: Path, problem: Problem) -> Earlier | None:
+    """Return the redesign of the same problem file that was interrupted and left in ``folder``; None without one.
+
+    Raises:
+        OSError: a summary that cannot be read.
+    """
+    from .filter_search import Step
+    from .outer_loop import Earlier
+
+    found = read_summary(folder)
+    if (
+        found is None
+        or found.get("reason") != Status.INTERRUPTED.name.lower()
+        or found.get("problem", {}).get("sha256") != problem.sha256
+        or found.get("command") != "redesign"
+    ):
+        return None
+    variables = found["redesign"]["variables"]
+    values = {name: row["after"] for name, row in variables.items() if row["after"] is not None}
+    if set(values) != {variable.name for variable in problem.design.variables}:
+        return None
+    return Earlier(values, tuple(Step(**step) for step in found["redesign"].get("history", ())))
