@@ -13,8 +13,8 @@ import numpy as np
 
 from . import rotations
 from .boundary import Boundary, Case
-from .continuation import STAGES, Solved, solve_on, turning
-from .landing import sink, solve_resting, tighten
+from .continuation import STAGES, Solved, solve_on
+from .landing import sink, softened, solve_resting, stiffen, tighten
 from .rotations import Array
 from .shape import Rod
 from .stability import lowest_mode, stability, surely_stable
@@ -27,7 +27,6 @@ CURVE = 241  # places at which a starting curve is looked at
 PLACES = 8  # an element, at which a lost shape is looked at
 EASY = 0.1  # slack, in L, with which a taut cable is begun
 STRAIGHT = 1e-8  # slack below which a cable is taken for straight
-BEGINNINGS = 4  # starting curves tried
 
 
 def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved | None:
@@ -87,7 +86,7 @@ def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
     """
     first = case.load if bow is None and np.any(case.load) else bow
     aside = np.roll(np.array([1.0, 2.0, 3.0]), 1)  # in no plane that a scene is likely to be symmetric about
-    return [first, None, aside, -aside][:BEGINNINGS]
+    return first, None, aside, -aside
 
 
 def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
@@ -106,7 +105,9 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
     s = np.linspace(0.0, 1.0, CURVE)
     if taut and slack <= STRAIGHT:
         return _straight(case, s, q, solver)
-    resting = sink(dataclasses.replace(case, boundary=boundary), s, q, np.zeros(3), gently=False)
+    loose = dataclasses.replace(case, boundary=boundary)
+    resting = sink(softened(loose, s, q), s, q, np.zeros(3), gently=False)
+    resting = None if resting is None else stiffen(loose, resting)
     if resting is not None and taut:
         resting = tighten(case, resting)
     return None if resting is None else solve_resting(case, resting, solver)
@@ -129,7 +130,7 @@ def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
     omega[:, 2] = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[0]), q[-1]))[2]
     moment = rotations.rotate(frames, case.section.stiffness * (omega - case.section.rest_curvature))
     solved = solve_on(case, mesh, pack(frames, moment, np.zeros(3), STAGES), solver)
-    return solved if solved.ok and not solved.turned and turning(solved.rod.q, solved.rod.q[:1]) < np.inf else None
+    return solved if solved.ok and not solved.turned else None
 
 
 def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:

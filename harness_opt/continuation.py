@@ -54,6 +54,7 @@ NEAR = 0.35  # largest turning between the predicted and the corrected shape of 
 SMALLEST_STEP = 2.0**-12  # of a path step
 COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
+WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
 CALM = 3  # corrector iterations up to which the next step may double
 
 
@@ -210,20 +211,23 @@ def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     return np.interp(np.linspace(0.0, run[-1], elements + 1), run, mesh)
 
 
-def finer_mesh(mesh: Array, local: Array, excess: float) -> Array | None:
+def finer_mesh(mesh: Array, local: Array, excess: float, before: float) -> Array | None:
     """Return the mesh on offer on which the error would be ``excess`` times smaller, or one of twice the elements.
 
     Args:
         mesh, local: nodes (n + 1,) and local errors (n,).
         excess: error over tolerance.
+        before: the same on the mesh before.
 
     Returns:
-        None where no finer one is on offer.
+        The finest on offer, dealt out anew, where there is no finer one; None where that gains nothing any more.
     """
     n = len(mesh) - 1
+    if n >= ELEMENTS[-1] and not excess < WORTHWHILE * before:
+        return None
     wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
-    finer = next((m for m in ELEMENTS if m >= wanted and m > n), None)
-    return None if finer is None else refined_mesh(mesh, local, finer)
+    finer = next((m for m in ELEMENTS if m >= wanted and m > n), ELEMENTS[-1])
+    return refined_mesh(mesh, local, finer)
 
 
 def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float, Status]:
@@ -233,10 +237,12 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
         The last solve, its estimated error, and OK, INACCURATE or the solver's own failure.
     """
     error, local = error_estimate(solved)
+    before = np.inf
     while error > tolerance:
-        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance)
+        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before)
         if mesh is None:
             return solved, error, Status.INACCURATE
+        before = error / tolerance
         x = resample(solved.rod, mesh)
         if not np.all(np.isfinite(x)):
             return solved, error, Status.INACCURATE

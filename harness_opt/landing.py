@@ -16,16 +16,21 @@ from .transcriptions.chain import Chain
 from .transcriptions.collocation import pack, stations
 
 TURNING, BENDING = 1.2, 0.8  # rad an element; root of the rad by which its curvature changes the turning
+BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent
+LAYER, DECAYED = 1.0, 18.0  # decay lengths: of an element at the foot of a layer, and after which 1e-8 of it is left
 LOOSE = 1.6  # how far a chain may miss that at rest
 SPREAD, GROWTH = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
 SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: of a cable that sinks gently, of one that only looks for rest
 WORK = 60_000  # elements times steps that a descent may take: some seconds
+STANDSTILL = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
 WARM_SHIFT = 1e-3  # first shift of a descent that goes on from rest
+COILED = 100.0  # rad in its length, of the waves M / k that a cable which is let go may bend in
+STIFFEN = 4.0  # factor by which a march makes it stiffer in torsion
 TIGHTEN = 2.0  # factor by which a march makes a cable tauter
 LEAST_TIGHTEN = 1.1
 FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
 RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-SOLVE_ITERATIONS = 15  # the chain is right to a per mille: what needs more does not converge
+SOLVE_ITERATIONS = 20  # the chain is right to a per mille: what needs more does not converge
 REFINEMENTS = (1, 2)  # collocation elements tried for one of the chain
 
 
@@ -93,10 +98,53 @@ def _density(omega: Array, s: Array) -> Array:
     return np.maximum(np.linalg.norm(omega, axis=1) / TURNING, np.sqrt(nearby) / BENDING)
 
 
+def _solving_mesh(resting: Resting) -> Array:
+    """Return a mesh for the collocation of a shape at rest: as dense as that needs, and as its layers do."""
+    chain = resting.chain
+    omega = chain.sample(resting.q, chain.points)[1]
+    places, layers = _layers(resting, np.abs(omega - chain.section.rest_curvature))
+    return _fitted(places, np.maximum(np.interp(places, chain.points, _density(omega, chain.points)), layers))
+
+
+def _layers(resting: Resting, bending: Array) -> tuple[Array, Array]:
+    """Return places (N,) and the elements per length (N,) that what decays from clamps and curls needs there.
+
+    Where a cable is taut, bending about axis i falls off with exp(-sqrt(F / k_i) s). The local errors of order
+    p = 2 STAGES + 1 are then equal on elements that grow with exp(sqrt(F / k_i) s / p), and what has DECAYED needs none
+    of its own.
+
+    Args:
+        resting: the shape.
+        bending: its curvatures at the points of the chain, without sign, (m, 3).
+    """
+    chain, grid, found = resting.chain, [resting.chain.points], []
+
+    def force(s: Array) -> Array:
+        return np.linalg.norm(chain.force(resting.multipliers) + (1.0 - s)[:, None] * chain.load, axis=1)
+
+    for axis in (0, 1):
+        bent = bending[:, axis] > BENT * np.sqrt(force(chain.points) / chain.section.stiffness[axis])
+        sources = np.concatenate([[0.0], chain.points[bent], [1.0]])
+        wave = np.sqrt(force(sources) / chain.section.stiffness[axis])
+        decay = np.arange(-DECAYED, DECAYED + 1.0) / np.maximum(wave, 1.0)[:, None]
+        grid.append((sources[:, None] + decay).ravel())
+        found.append((sources, wave))
+    s = np.unique(np.clip(np.concatenate(grid), 0.0, 1.0))
+    density = np.zeros(len(s))
+    for sources, wave in found:
+        nearest = np.clip(np.searchsorted(sources, s), 1, len(sources) - 1)
+        nearest -= s - sources[nearest - 1] < sources[nearest] - s
+        away = wave[nearest] * np.abs(s - sources[nearest])
+        needed = wave[nearest] / LAYER * np.exp(-away / (2 * STAGES + 1))
+        density = np.maximum(density, np.where(away < DECAYED, needed, 0.0))
+    return s, density
+
+
 def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: float) -> Resting | None:
     """Descend on ``chain``, and on others made to fit, until one that fits is at rest; None where that fails."""
     work = WORK
     room = _slack(chain.boundary) if chain.closed else 1.0
+    standstills = 0
     while True:
         elements = len(chain.mesh) - 1
         found = descend(
@@ -106,6 +154,8 @@ def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: flo
         if found.ended in (Ended.STUCK, Ended.UNFINISHED):
             return None
         work -= elements * max(1, found.steps)
+        strained_at_once = found.ended is Ended.STRAINED and elements == ELEMENTS[-1] and found.steps <= STANDSTILL
+        standstills = standstills + 1 if strained_at_once else 0
         omega = chain.sample(q, chain.points)[1]
         if found.ended is Ended.STRAINED:  # on the way down only what turns far needs elements
             density = np.linalg.norm(omega, axis=1) / TURNING
@@ -118,9 +168,42 @@ def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: flo
         finer = Chain(chain.section, chain.load, chain.boundary, mesh, exact=chain.exact)
         q = finer.held(chain.sample(q, finer.nodes)[0])
         shift = FIRST_SHIFT if found.ended is Ended.STRAINED else WARM_SHIFT
-        if work <= 0:
+        if work <= 0 or standstills > STANDSTILL:
             return None
         chain = finer
+
+
+def softened(case: Case, s: Array, q: Array) -> Case:
+    """Return ``case`` with so little torsional stiffness that a curve does not coil up where it is let go.
+
+    A twisted cable bends first in waves as short as M / k allows, and many turns of one that is stiff in torsion would
+    have it coil too finely for any mesh. A soft one takes its turns into loops as long as itself.
+
+    Args:
+        case: the cable and what holds it.
+        s, q: arc lengths (m,) and quaternions (m, 4) of the curve.
+    """
+    spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
+    stiffness = case.section.stiffness
+    waves = stiffness[2] * float(np.max(np.abs(spin[:, 2] / np.diff(s)))) / float(np.min(stiffness[:2]))
+    if waves <= COILED:
+        return case
+    soft = np.array([*stiffness[:2], stiffness[2] * COILED / waves])
+    return dataclasses.replace(case, section=dataclasses.replace(case.section, stiffness=soft))
+
+
+def stiffen(case: Case, resting: Resting) -> Resting | None:
+    """Take a :func:`softened` cable at rest to the stiffness of ``case``, from minimum to minimum; None if in vain."""
+    stiffness = resting.chain.section.stiffness
+    while stiffness[2] < case.section.stiffness[2]:
+        stiffness = np.minimum(stiffness * (1.0, 1.0, STIFFEN), case.section.stiffness)
+        section = dataclasses.replace(case.section, stiffness=stiffness)
+        chain = Chain(section, case.load, resting.chain.boundary, resting.chain.mesh)
+        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, LONG_STEP)
+        if found is None:
+            return None
+        resting = found
+    return resting
 
 
 def _slack(boundary: Boundary) -> float:
@@ -156,7 +239,7 @@ def _shrunk(resting: Resting, factor: float) -> Array:
     chain = resting.chain
     steps = np.diff(chain.mesh)
     bending = np.linalg.norm(chain.sample(resting.q, chain.points)[1][:, :2], axis=1)
-    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (0.1 * TURNING), 0.0, 1.0)
+    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (1e-4 * TURNING), 0.0, 1.0)
     steps, straight = steps * (1.0 - (1.0 - 1.0 / factor) * bent), steps * (1.0 - bent)
     if np.sum(straight) > 0.0:
         steps = steps + (1.0 - np.sum(steps)) * straight / np.sum(straight)
@@ -172,7 +255,7 @@ def solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
     still = dataclasses.replace(boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
     without_moments = dataclasses.replace(case, boundary=still)
     force = chain.force(resting.multipliers) + case.load
-    fitted = _fitted(chain.points, _density(chain.sample(resting.q, chain.points)[1], chain.points))
+    fitted = _solving_mesh(resting)
     count = len(fitted) - 1
     for finer in REFINEMENTS:
         elements = next((n for n in ELEMENTS if n >= finer * count), None)

@@ -64,6 +64,17 @@ def weight(cable: Cable, gravity: Array) -> Array:
     return cable.mass_per_length * np.asarray(gravity, dtype=float) * cable.length / units.force
 
 
+def wave_numbers(force: Array, moment: Array, stiffness: Array) -> Array:
+    """Return how fast fields may vary along a rod under loads (..., n, 3), rad in its length, (..., n).
+
+    sqrt(F / B) is that of the layer at a clamp, M / B that of the helix of a twisted rod.
+    """
+    bending = float(np.min(stiffness[:2]))
+    return np.asarray(
+        np.sqrt(np.linalg.norm(force, axis=-1) / bending) + np.linalg.norm(moment, axis=-1) / bending, dtype=float
+    )
+
+
 def frame(q: ca.SX) -> ca.SX:
     """Return R(q) (3, 3) as a CasADi expression of the quaternion ``q`` (4,)."""
     a, b, c, d = (q[i] for i in range(4))

@@ -1,21 +1,25 @@
 """Solved rods as plain arrays: sampling anywhere, energy, and how far the discrete solution is from the exact one.
 
 The states at the nodes carry the full order of the collocation (2s); between them the rod's own equations are
-expanded in a power series about the nearest node, so every sampled quantity has the accuracy of the nodes.
+expanded in a power series about the nearest node, so every sampled quantity has the accuracy of the nodes. Where no
+series spans the element, both of its nodes are interpolated (:mod:`harness_opt.long_elements`).
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from . import rod, rotations
+from .long_elements import LongElements
 from .quadrature import gauss
 from .rod import Section
 from .rotations import Array
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
+SPAN = 20.0  # rad that fields may vary by over an element: beyond, what rounding leaves at a node swamps its series
 ENERGY_POINTS = 6  # Gauss points an element for energies
 
 
@@ -58,6 +62,24 @@ class Rod:
         """Return the power series about every node."""
         return rod.series(self.q, self.r, self.force, self.moment, self.section, self.load, SERIES_ORDER)
 
+    @functools.cached_property
+    def long(self) -> Array:
+        """Whether an element is longer, in any of the shapes, than a power series spans, (n,)."""
+        wave = rod.wave_numbers(self.force, self.moment, self.section.stiffness)
+        wave = wave.reshape(-1, wave.shape[-1]).max(axis=0)
+        return np.asarray(np.maximum(wave[1:], wave[:-1]) * np.diff(self.mesh) > SPAN)
+
+    def _long_elements(self, series: rod.Series) -> LongElements:
+        """Return the elements that are :attr:`long`."""
+        chosen = np.flatnonzero(self.long)
+        ends = np.array([chosen, chosen + 1])
+
+        def at(values: Array) -> Array:
+            return np.moveaxis(values[..., ends, :], -3, 0)
+
+        step = self.mesh[ends[1]] - self.mesh[ends[0]]
+        return LongElements(step, at(self.r), at(self.q), at(series.omega[0]), at(series.omega[1]))
+
     def sample(self, s: Array, series: rod.Series | None = None) -> Samples:
         """Return all quantities at arc lengths ``s`` (N,) from 0 to 1."""
         s = np.asarray(s, dtype=float)
@@ -69,11 +91,19 @@ class Rod:
         def at(coefficients: Array) -> Array:
             return rod.evaluate(coefficients[..., node, :], distance)
 
-        q = rotations.normalise(at(series.q))
-        omega = at(series.omega)
         force = self.force[..., :1, :] - s[:, None] * self.load
-        moment = rotations.rotate(q, at(series.moment))
-        return Samples(at(series.r), q, force, moment, omega)
+        if not np.any(self.long):
+            q = rotations.normalise(at(series.q))
+            return Samples(at(series.r), q, force, rotations.rotate(q, at(series.moment)), at(series.omega))
+        with np.errstate(over="ignore", invalid="ignore"):  # of what is replaced
+            q, r, omega = rotations.normalise(at(series.q)), at(series.r), at(series.omega)
+        element = np.clip(np.searchsorted(self.mesh, s, side="right") - 1, 0, len(self.mesh) - 2)
+        within = np.flatnonzero(self.long[element])
+        among = np.searchsorted(np.flatnonzero(self.long), element[within])
+        part = (s[within] - self.mesh[element[within]]) / np.diff(self.mesh)[element[within]]
+        r[..., within, :], q[..., within, :], omega[..., within, :] = self._long_elements(series).sample(among, part)
+        strain = omega - self.section.rest_curvature
+        return Samples(r, q, force, rotations.rotate(q, strain * self.section.stiffness), omega)
 
     def defects(self, series: rod.Series | None = None) -> tuple[Array, Array, Array]:
         """Return how much the exact solutions through neighbouring nodes disagree at the middle of each element.
@@ -89,7 +119,13 @@ class Rod:
             return rod.evaluate(coefficients[..., :-1, :], step), rod.evaluate(coefficients[..., 1:, :], -step)
 
         (q0, q1), (r0, r1), (m0, m1) = sides(series.q), sides(series.r), sides(series.moment)
-        return q1 - q0, rotations.rotate(q1, m1) - rotations.rotate(q0, m0), r1 - r0
+        dq, dm, dr = q1 - q0, rotations.rotate(q1, m1) - rotations.rotate(q0, m0), r1 - r0
+        if np.any(self.long):
+            dq[..., self.long, :], dr[..., self.long, :] = self._long_elements(series).defects()
+            middle = self.force[..., 1:, :] + half[:, None] * self.load
+            moments = np.diff(self.moment, axis=-2) + rotations.cross(np.diff(self.r, axis=-2), middle)
+            dm[..., self.long, :] = moments[..., self.long, :]
+        return dq, dm, dr
 
     def energy(self) -> Array:
         """Return elastic energy less the work of the distributed load from the start's level, (...), in B/L."""

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import rod as rod_module
 from . import rotations
 from .boundary import Kind
 from .quadrature import gauss
@@ -128,24 +129,13 @@ def _integrated(field: Array, left: Array, right: Array) -> Array:
     return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
 
 
-def wave_numbers(force: Array, moment: Array, stiffness: Array) -> Array:
-    """Return how fast fields may vary along a rod under loads (..., n, 3), rad in its length, (..., n).
-
-    sqrt(F / B) is that of the layer at a clamp, M / B that of the helix of a twisted rod.
-    """
-    bending = float(np.min(stiffness[:2]))
-    return np.asarray(
-        np.sqrt(np.linalg.norm(force, axis=-1) / bending) + np.linalg.norm(moment, axis=-1) / bending, dtype=float
-    )
-
-
 def _resolved(rod: Rod) -> tuple[Rod, Array]:
     """Return ``rod`` on a mesh that resolves how phi may vary, and which of its nodes (n + 1,) are those of ``rod``.
 
-    The modes vary as :func:`wave_numbers` says, whatever the shape itself needs.
+    The modes vary as :func:`harness_opt.rod.wave_numbers` says, whatever the shape itself needs.
     """
     lead = tuple(range(rod.q.ndim - 2))
-    wave = wave_numbers(rod.force, rod.moment, rod.section.stiffness).max(axis=lead)
+    wave = rod_module.wave_numbers(rod.force, rod.moment, rod.section.stiffness).max(axis=lead)
     steps = np.diff(rod.mesh)
     pieces = np.ceil(steps * np.maximum(wave[1:], wave[:-1]) / PHASE)
     pieces = np.clip(pieces, 1, max(1, min(MOST_PIECES, MOST_ELEMENTS // len(steps)))).astype(int)

@@ -149,6 +149,7 @@ def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[
     """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
     possible.
     """
+    before = np.inf
     while True:
         with np.errstate(over="ignore", invalid="ignore"):
             defects = batch(frames).defects()
@@ -157,9 +158,11 @@ def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[
         worst = float(np.max(errors))
         if worst <= tolerance:
             return frames, errors
-        mesh = finer_mesh(frames[0].bound.mesh, np.max([local for _, local in estimates], axis=0), worst / tolerance)
+        local = np.max([local for _, local in estimates], axis=0)
+        mesh = finer_mesh(frames[0].bound.mesh, local, worst / tolerance, before)
         if mesh is None:
             return frames, errors
+        before = worst / tolerance
         again: list[Solved] = []
         for frame, x in zip(frames, resample(batch(frames), mesh), strict=True):
             solved = solve_on(frame.case, mesh, x, solver, near=again[-1] if again else None)

@@ -58,6 +58,7 @@ class _Walker:
     def __init__(self, landscape: Landscape, q: Array, multipliers: Array, shift: float, longest: float, room: float):
         self.landscape, self.q, self.multipliers = landscape, q, multipliers
         self.shift, self.longest = shift, longest
+        self.level: tuple[float, Array] | None = None  # energy at ``q``, and what is missed of the constraints
         self.strains = self.idle = 0
         self.on = min(ON, CLOSE * room)
         self.linear = ca.Linsol("bordered", "ldl", landscape.sparsity)
@@ -91,14 +92,17 @@ class _Walker:
             )
         return False
 
-    def corrected(self, q: Array) -> Array | None:
-        """Return ``q`` brought back onto the constraints by the step's own matrix; None where it gets no nearer."""
+    def corrected(self, q: Array) -> tuple[Array, float, Array] | None:
+        """Return ``q`` brought back onto the constraints by the step's own matrix, its energy and what it still misses.
+
+        None where it gets no nearer.
+        """
         missed = np.inf
         for _ in range(CORRECTIONS):
-            constraint = self.landscape.energy(q)[1]
+            energy, constraint = self.landscape.energy(q)
             size = float(np.linalg.norm(constraint))
             if size <= self.on:
-                return q
+                return q, energy, constraint
             if not size < 0.7 * missed:
                 return None
             missed = size
@@ -111,7 +115,7 @@ class _Walker:
     def advance(self) -> Ended | None:
         """Take one step, with as much of a shift as it needs; return how the descent ended, or None to go on."""
         here = self.landscape.expand(self.q, self.multipliers)
-        energy, missed = self.landscape.energy(self.q)
+        energy, missed = self.level or self.landscape.energy(self.q)
         while self.shift <= MOST_SHIFT:
             self.factorise(here.bordered(self.shift))
             if self.linear.neig(self.matrix) != self.landscape.constraints:
@@ -134,18 +138,18 @@ class _Walker:
                 self.q, self.multipliers = self.landscape.move(self.q, step), multipliers
                 return Ended.AT_REST
             trial = self.corrected(self.landscape.move(self.q, step))
-            if trial is not None and self.landscape.strained(trial):
+            if trial is not None and self.landscape.strained(trial[0]):
                 self.strains += 1
                 if self.strains > STRAINS:
                     return Ended.STRAINED
                 trial = None
             if trial is not None:
-                there, left = self.landscape.energy(trial)
+                reached, there, left = trial
                 # the multipliers take what is left of the constraints out of both
                 fall = float((energy - multipliers @ missed) - (there - multipliers @ left))
                 rounding = 1e-13 * (1.0 + abs(energy) + float(np.linalg.norm(multipliers)))
                 if fall >= SUFFICIENT * predicted - rounding:
-                    self.q, self.multipliers = trial, multipliers
+                    self.q, self.multipliers, self.level = reached, multipliers, (there, left)
                     self.idle = self.idle + 1 if idle else 0
                     self._relent(1.0 if abs(fall - predicted) <= rounding else fall / predicted, size)
                     return None

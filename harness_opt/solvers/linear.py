@@ -20,8 +20,9 @@ Array = NDArray[np.float64]
 
 # A condition number above the first marks a rank deficiency (a straight cable, a cable that may turn freely about
 # coaxial clamps), if it stays above it with rows and columns scaled to the same size: heavy and stiff cables only
-# look singular. So do taut ones, up to the second, for a slack of 1e-6 L: what stalls as singular is tried as regular.
-CONDITION_LIMIT, TAUT_LIMIT = 1e9, 1e13
+# look singular. So do taut ones, up to the second, for a slack of 1e-6 L: what stalls as singular is tried as regular,
+# and large problems, whose elements a taut or sharply bent cable asked for, are regular up to there.
+CONDITION_LIMIT, TAUT_LIMIT = 1e9, 1e15
 # Below this one a factor serves for problems nearby too. Of a shape that may turn freely the Jacobian is singular at
 # the solution alone: off it, and that is where it is mostly factorised, the condition number is anything from 5e4 up.
 BENIGN = 1e6
@@ -31,13 +32,26 @@ ROUNDS = 2000  # of the iteration that solves larger problems
 
 
 @dataclass(frozen=True)
+class _Equilibrated:
+    """SuperLU's factors of a matrix whose rows and columns were scaled: for those that would spoil its pivots."""
+
+    lu: Any
+    rows: Array
+    columns: Array
+
+    def solve(self, b: Array) -> Array:
+        """Return y (n,) or (n, k) with A y = b."""
+        return np.asarray((self.columns * self.lu.solve((self.rows * b.T).T).T).T)
+
+
+@dataclass(frozen=True)
 class Factor:
     """A factorised Jacobian.
 
     Args:
         jacobian: (m, n).
-        lu: SuperLU object of the Jacobian, or of the Jacobian bordered by its null vectors; None for a dense solve, or
-            in a large problem an iterative one.
+        lu: solves with the Jacobian, or with the Jacobian bordered by its null vectors; None for a dense solve, or in a
+            large problem an iterative one.
         bordered: which of the two.
         condition: estimate of the condition number of the matrix that ``lu`` factorises.
     """
@@ -73,25 +87,31 @@ class Factor:
 def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
     """Factorise ``jacobian`` (m, n), CSC; it counts as singular from a condition number of ``limit`` on.
 
+    One of more than MOST_DENSE unknowns does so from TAUT_LIMIT on.
+
     Sparse LU where square and regular. Where one direction is lost, the matrix bordered by its null vectors is
     regular, and solving with it gives the least-squares solution of minimum norm (Govaerts, "Numerical Methods for
     Bifurcations of Dynamical Equilibria", section 3.2). Where more are lost, or the matrix is not square, a dense
     solve does, or in a large problem an iterative one.
     """
     rows, columns = jacobian.shape
+    limit = TAUT_LIMIT if columns > MOST_DENSE else limit
     lu = _lu(jacobian) if rows == columns else None
     if lu is None:
         return Factor(jacobian, None)
     condition, right = _condition(jacobian, lu, "T", "N")
-    scaled = condition if condition < BENIGN else min(condition, _scaled_condition(jacobian))
+    if condition < BENIGN:
+        return Factor(jacobian, lu, condition=condition)
+    equilibrated, scaled = _scaled(jacobian)
     if condition < CONDITION_LIMIT or scaled < limit:
-        return Factor(jacobian, lu, condition=scaled)
+        used = lu if condition < CONDITION_LIMIT or equilibrated is None else equilibrated
+        return Factor(jacobian, used, condition=min(condition, scaled))
     if np.isfinite(condition):
         left = _condition(jacobian, lu, "N", "T")[1]
         size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
         border = sp.block_array([[jacobian, size * left[:, None]], [size * right[None, :], None]], format="csc")
         bordered = _lu(border)
-        if bordered is not None and (scaled := _scaled_condition(border)) < limit:
+        if bordered is not None and (scaled := _scaled(border)[1]) < limit:
             return Factor(jacobian, bordered, bordered=True, condition=scaled)
     return Factor(jacobian, None)
 
@@ -130,11 +150,11 @@ def _equilibrated(matrix: sp.csc_array) -> tuple[sp.csc_array, Array, Array]:
     return sp.csc_array(scaled @ sp.diags_array(columns)), rows, columns
 
 
-def _scaled_condition(matrix: sp.csc_array) -> float:
-    """Return the condition number of ``matrix`` with rows and columns scaled."""
-    scaled = _equilibrated(matrix)[0]
+def _scaled(matrix: sp.csc_array) -> tuple[_Equilibrated | None, float]:
+    """Return ``matrix`` factorised with its rows and columns scaled, and the condition number then."""
+    scaled, rows, columns = _equilibrated(matrix)
     lu = _lu(scaled)
-    return np.inf if lu is None else _condition(scaled, lu, "T", "N")[0]
+    return (None, np.inf) if lu is None else (_Equilibrated(lu, rows, columns), _condition(scaled, lu, "T", "N")[0])
 
 
 def _condition(matrix: sp.csc_array, lu: Any, first: str, second: str) -> tuple[float, Array]:

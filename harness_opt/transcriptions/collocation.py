@@ -3,6 +3,8 @@
 Unknowns are the quaternion and the moment at every node, the quaternion at every Gauss point (stage) of every
 element, and the one constant of the force. Moments and positions at the stages are quadratures of these, so arc
 length is exact and eq. (25) of Liu et al. is not needed; Gauss's method conserves |q|, so neither is eq. (10).
+Frames are those of q / |q| all the same: in a taut cable what a step leaves of |q|^2 - 1 at the stages would be no
+small part of the slack.
 
 One element is written symbolically and differentiated once; the mesh is a map of it, and everything that a user can
 change (stiffness, weight, mesh, clamps) is a parameter, so nothing is built twice for one kind of cable.
@@ -75,7 +77,7 @@ def _element(stages: int, loaded: bool) -> ca.Function:
         z, np.cumsum([0, 4, 3, 4 * stages, 4, 3, FORCE]).tolist()
     )
     stage_q = ca.reshape(stacked, 4, stages)
-    frames = [rod.frame(stage_q[:, j]) for j in range(stages)]
+    frames = [rod.frame(stage_q[:, j]) / ca.sumsqr(stage_q[:, j]) for j in range(stages)]
     tangents = ca.horzcat(*(frame[:, 2] for frame in frames))
     forces = [force0 - (load * (s + float(c) * h) if loaded else 0) for c in tableau.nodes]
     moment_rates = ca.horzcat(*(-ca.cross(tangents[:, j], forces[j]) for j in range(stages)))
@@ -335,7 +337,7 @@ class BoundCollocation:
         n, s = self.transcription.elements, self.transcription.stages
         blocks = x[: self._node].reshape(n, NODE + 4 * s)
         steps = np.diff(self.mesh)
-        tangents = rotations.tangent(blocks[:, 7:].reshape(n, s, 4))
+        tangents = rotations.tangent(rotations.normalise(blocks[:, 7:].reshape(n, s, 4)))
         chords = steps[:, None] * np.einsum("j,ejc->ec", gauss(s).weights, tangents)
         q = self.quaternions(x)
         moment = np.vstack([blocks[:, 4:7], x[self._node + 4 : self._node + 7]])
@@ -415,7 +417,8 @@ class BoundCollocation:
         steps = np.diff(self.mesh)
         stage_q = x[: self._node].reshape(n, block)[:, 7:].reshape(n, s, 4)
         stage_dq = dx[: self._node].reshape(n, block, k)[:, 7:].reshape(n, s, 4, k)
-        tangents, rates = rotations.tangent(stage_q), _tangent_rates(stage_q, stage_dq)
+        tangents = rotations.tangent(rotations.normalise(stage_q))
+        rates = _tangent_rates(stage_q, stage_dq)
         matrix = gauss(s).running
         inner = steps[:, None, None] * np.einsum("ij,ejc->eic", matrix, tangents)
         inner_rates = steps[:, None, None, None] * np.einsum("ij,ejck->eick", matrix, rates)
@@ -434,17 +437,13 @@ class BoundCollocation:
 
 
 def _tangent_rates(q: Array, dq: Array) -> Array:
-    """Return d(d3) (..., 3, k) for quaternions (..., 4) and their rates (..., 4, k)."""
+    """Return d(d3) (..., 3, k) for quaternions (..., 4), normalised, and their rates (..., 4, k)."""
+    square = np.sum(q * q, axis=-1)[..., None, None]
+    dq = dq - q[..., None] * np.einsum("...i,...ik->...k", q, dq)[..., None, :] / square
     a, b, c, d = (q[..., i, None] for i in range(4))
     da, db, dc, dd = (dq[..., i, :] for i in range(4))
-    return 2.0 * np.stack(
-        [
-            b * dd + d * db + a * dc + c * da,
-            c * dd + d * dc - a * db - b * da,
-            a * da - b * db - c * dc + d * dd,
-        ],
-        axis=-2,
-    )
+    rates = [b * dd + d * db + a * dc + c * da, c * dd + d * dc - a * db - b * da, a * da - b * db - c * dc + d * dd]
+    return 2.0 * np.stack(rates, axis=-2) / square
 
 
 def _accumulate(inner: Array) -> Array:
