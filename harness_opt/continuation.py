@@ -55,6 +55,7 @@ SMALLEST_STEP = 2.0**-12  # of a path step
 COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
 WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
+TURNED = 1e-2  # L a rad: what an error of the frames counts
 CALM = 3  # corrector iterations up to which the next step may double
 
 
@@ -151,6 +152,9 @@ def resample(rod: Rod, mesh: Array) -> Array:
 def error_estimate(solved: Solved) -> tuple[float, Array]:
     """Return the estimated error of the centreline, in L, and each element's own contribution (n,).
 
+    Or a hundredth of the largest local turning error, in rad, where that is more: in clamp layers thinner than any
+    error of the centreline.
+
     The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
     estimate is of the global error and needs no second solve. What the solver left of the equations counts too.
     """
@@ -163,7 +167,7 @@ def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple
     """Return what :func:`error_estimate` does, from defects (n, 4), (n, 3), (n, 3) already at hand."""
     mesh = solved.bound.mesh
     n, s = len(mesh) - 1, STAGES
-    local = np.linalg.norm(dr, axis=-1) + np.diff(mesh) * np.linalg.norm(dq, axis=-1)
+    local = np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
     local = np.where(np.isfinite(local), local, np.inf)
     if not (np.all(np.isfinite(dm)) and np.max(local) < 1.0):
         return np.inf, local
@@ -190,7 +194,8 @@ def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple
     moved = solved.bound.centreline_rates(x, dx)[1][:: s + 1]
     # the centreline's own local errors add to those that come from the frames
     moved[1:, :, 0] += np.cumsum(dr, axis=0)
-    return float(np.linalg.norm(moved, axis=1).max(axis=0).sum()), local
+    turned = TURNED * 2.0 * float(np.max(np.linalg.norm(dq, axis=-1)))
+    return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum()), turned), local
 
 
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
