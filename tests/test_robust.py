@@ -42,7 +42,7 @@ def linear(margin: list[float], rate: list[list[float]], limit: list[int]) -> Li
     motion = ho.Motion(None, np.zeros(1), {})
     return Linear(
         quantities, np.array(margin), np.array(rate), np.array(limit), names, np.ones(len(names)), motion,
-        ClearanceResult(np.zeros(1), ()),
+        ClearanceResult(np.zeros(1), ()), np.zeros((len(margin), count, count)),
     )  # fmt: skip
 
 
