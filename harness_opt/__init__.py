@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .motion import simulate
     from .multistart import equilibria
     from .outer_loop import Redesign
+    from .plausibility import doubts
     from .playback import display
     from .playback_error import DisplayError, display_error
     from .pose import Shape, equilibrium
@@ -75,6 +76,7 @@ _ROOMS = {
     "robust_loop": ("redesign",),
     "playback": ("display",),
     "playback_error": ("DisplayError", "display_error"),
+    "plausibility": ("doubts",),
     "pose": ("Shape", "equilibrium"),
     "profile": ("Path", "Profile", "disperse", "load_profiles", "profiles", "save_profiles"),
     "report": ("clearances", "write_results"),

@@ -30,6 +30,7 @@ from .clearance_search import LONG, Certificate, Found, Task, Witnesses, never
 from .moving_curve import MovingCurve
 from .part_certificate import PartSearch, Seen
 from .part_clearance import against_part, places
+from .part_geometry import Geometry
 from .problem import WORLD, Body, End, Problem
 from .results import CableMotion, LimitResult, Motion, Snap
 from .rotations import Array
@@ -222,9 +223,7 @@ def measure(
             pair = _pair(given, task, name, found)
             pair = replace(pair, excluded=excluded, closed=geometry.closed)
             if views is not None and task.limit is not None and found.lower is not None:
-                view, arcs = views.seen(own.cable, geometry.body), places(task.curve.s, excluded)
-                search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
-                pair = _certified(pair, motion, search.certificate())
+                pair = _certified(pair, motion, _searched(views, task, geometry, pair, found.lower))
             pairs.append(_in_world(pair, problem, geometry.body, motion))
         if views is not None:
             views.forget(own.cable)
@@ -355,6 +354,12 @@ def _pair(given: Motion, task: Task, obstacle: str, found: Found) -> PairClearan
         excluded=(0.0, 0.0),
         closed=True,
     )
+
+
+def _searched(views: _Views, task: Task, geometry: Geometry, pair: PairClearance, lower: Array) -> Certificate:
+    """Return what a search of the whole motion finds of a pair of a cable and a part."""
+    view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, pair.excluded)
+    return PartSearch(task, view, geometry, arcs, pair.start, lower).certificate()
 
 
 def _certified(pair: PairClearance, motion: Array, found: Certificate) -> PairClearance:

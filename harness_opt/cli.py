@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
 TRANSCRIPTIONS = ("collocation", "dqm")
 EXPORTS = ("paraview", "csv", "gltf", "stl")
+CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")  # all but tab and new line
 MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
 EXPORT_FOLDER = "export"  # in a result folder
 
@@ -74,7 +75,12 @@ def _colour() -> bool | None:
 
 
 def _coloured(text: str) -> str:
-    """Return the words of a table's last column in colours, which whatever is no terminal loses again."""
+    """Return the words of a table's last column in colours, which whatever is no terminal loses again.
+
+    What a file holds may not steer the terminal: control characters in it, and those that turn the direction of
+    writing, become question marks.
+    """
+    text = CONTROLS.sub("?", text)
     text = re.sub(r" OK$", lambda found: click.style(found[0], fg="green"), text, flags=re.MULTILINE)
     return re.sub(r" VIOLATED$", lambda found: click.style(found[0], fg="red", bold=True), text, flags=re.MULTILINE)
 

@@ -21,7 +21,7 @@ from .errors import Status
 from .extrapolation import Trail
 from .rotations import Array
 from .shape import Rod
-from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper
+from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper, valley
 from .solvers.interface import Options, Solution, Solver
 from .solvers.linear import Factor, factorise
 from .transcriptions.collocation import BoundCollocation, collocation, pack, stations
@@ -32,6 +32,8 @@ SOLVERS: dict[str, Solver] = {
     "ipopt": ipopt.solve,
     "paper": paper.solve,
 }
+SAFEGUARDED = "gauss-newton"  # the solver that a walk along a valley comes after
+FLOOR = 1e-2  # residual of the scaled equations that is left on the floor of a valley at most
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 ELEMENTS = (
     8,
@@ -126,6 +128,8 @@ def solve_on(
 ) -> Solved:
     """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended.
 
+    Where Gauss-Newton comes down to the floor of a valley and no further, it is walked along (:mod:`.solvers.valley`).
+
     Args:
         case, mesh, x: as above.
         solver: name.
@@ -139,7 +143,11 @@ def solve_on(
     turned = ROUNDING * scale * float(np.max(mesh[1:] - mesh[:-1])) ** 2 / float(np.min(case.section.stiffness))
     tolerance = residual * math.sqrt(scale) + turned
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
-    solution = SOLVERS[solver](bound.least_squares(), x, Options(tolerance, iterations, factor=factor))
+    problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
+    solution = SOLVERS[solver](problem, x, options)
+    if solver == SAFEGUARDED and not solution.status.ok and solution.residual <= FLOOR * math.sqrt(scale):
+        walked = valley.solve(problem, x, options)
+        solution = walked if walked.status.ok else solution
     return Solved(case, bound, solution)
 
 

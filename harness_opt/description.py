@@ -56,7 +56,7 @@ def facts(problem: Problem, scene: Scene) -> Json:
 
 def _cable(problem: Problem, run: CableRun, motion: Array) -> Json:
     cable = run.cable
-    kx, ky, kz = cable.stiffness
+    kx, ky, kz = (float(stiffness) for stiffness in cable.stiffness)
     weight = cable.mass_per_length * float(np.linalg.norm(problem.gravity))
     ends = [_path(problem, end, motion) for end in (run.start, run.end)]
     slack = None

@@ -68,13 +68,18 @@ def spread(count: int, dimensions: int) -> Array:
     return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
 
 
-def search(trials: Trials, goal: Goal, trial: Trial, note: Note) -> Trial:
+def search(trials: Trials, goal: Goal, trial: Trial, note: Note, *, near: bool = False) -> Trial:
     """Return the best design found from ``trial``, on all frames.
 
     The search uses half of the frames, and all of them to end with. Where it ends with a limit violated it begins again
     from other designs within the bounds, and looks for the least violation: a cable deep inside a part is pushed out
-    through the nearest face, which may be one that no design reaches.
+    through the nearest face, which may be one that no design reaches. A design that is ``near`` the end already needs
+    no more than all frames.
     """
+    if near:
+        best = descend(trials, goal, trial, 1, note)
+        if goal.held(best):
+            return best
     best = descend(trials, goal, trial, SEARCH_STRIDE, note)
     if not goal.held(best):
         best = _elsewhere(trials, goal, best, note)
@@ -123,7 +128,7 @@ def _starts(goal: Goal) -> Array:
 def verified(trials: Trials, goal: Goal, design: Trial, note: Note) -> Verified:
     """Search from ``design``, verify the end, ask for what is short there, and search again."""
     for attempt in range(VERIFICATIONS):
-        design = search(trials, goal, design, note)
+        design = search(trials, goal, design, note, near=attempt > 0 and not trials.cold)
         found = verify(trials, design)
         if found.holds(snaps=goal.snaps) or not goal.held(design) or attempt == VERIFICATIONS - 1:
             break

@@ -11,11 +11,10 @@ import numpy as np
 
 from . import rotations
 from .errors import ProblemError
-from .problem import Cable, End, Problem, Variable
+from .problem import End, Problem, Variable
 from .rotations import Array
 
 AXES = ("x", "y", "z")
-PROPERTIES = ("bending_stiffness", "torsional_stiffness", "mass_per_length")  # that have rates too
 
 
 @dataclass(frozen=True)
@@ -25,20 +24,14 @@ class Target:
     Args:
         cable: its name.
         side: "start" or "end"; None for the length.
-        quantity: "length", "position", "rotate", or one of PROPERTIES.
-        axis: 0, 1 or 2; 0 where there is none.
+        quantity: "length", "position" or "rotate".
+        axis: 0, 1 or 2; 0 for the length.
     """
 
     cable: str
     side: Literal["start", "end"] | None
-    quantity: str
+    quantity: Literal["length", "position", "rotate"]
     axis: int
-
-    @property
-    def unit(self) -> str:
-        """Of its values."""
-        units = {"rotate": "deg", "bending_stiffness": "N m2", "torsional_stiffness": "N m2", "mass_per_length": "kg/m"}
-        return units.get(self.quantity, "m")
 
 
 def target(name: str) -> Target:
@@ -47,9 +40,9 @@ def target(name: str) -> Target:
     Raises:
         ProblemError: a name of another form.
     """
-    for quantity in ("length", *PROPERTIES):
-        if name.endswith(f".{quantity}") and len(name) > len(quantity) + 1:
-            return Target(name[: -len(quantity) - 1], None, quantity, 0)
+    cable, _, rest = name.rpartition(".length")
+    if cable and not rest:
+        return Target(cable, None, "length", 0)
     for side in ("start", "end"):
         for axis, letter in enumerate(AXES):
             for quantity, ending in (
@@ -57,7 +50,7 @@ def target(name: str) -> Target:
                 ("rotate", f".{side}.rotate_{letter}_deg"),
             ):
                 if name.endswith(ending) and len(name) > len(ending):
-                    return Target(name[: -len(ending)], side, quantity, axis)
+                    return Target(name[: -len(ending)], side, quantity, axis)  # type: ignore[arg-type]
     raise ProblemError(
         f"design.variables.{name}: found no such quantity, expected CABLE.length, CABLE.start.position.x or "
         "CABLE.end.rotate_x_deg and the like"
@@ -77,24 +70,14 @@ def names(problem: Problem) -> list[str]:
     return found
 
 
-def properties(problem: Problem) -> list[str]:
-    """Return the names of the cables' properties, which have rates as design variables have."""
-    return [f"{cable}.{quantity}" for cable in problem.cables for quantity in PROPERTIES]
-
-
 def value(problem: Problem, name: str) -> float:
-    """Return the present value of ``name``; turns are 0, being counted from the pose given.
-
-    Of a flat section's bending stiffness, the mean whose square is kx ky.
-    """
+    """Return the present value of ``name``; turns are 0, being counted from the pose given."""
     what = target(name)
     run = problem.cables[what.cable]
     if what.quantity == "rotate":
         return 0.0
-    if what.quantity == "bending_stiffness":
-        return float(np.sqrt(np.prod(run.cable.stiffness[:2])))
     if what.side is None:
-        return float(getattr(run.cable, what.quantity))
+        return run.cable.length
     return float(getattr(run, what.side).position[what.axis])
 
 
@@ -161,7 +144,7 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
         what = target(name)
         run = runs[what.cable]
         if what.side is None:
-            runs[what.cable] = dataclasses.replace(run, cable=_with_property(run.cable, what.quantity, number))
+            runs[what.cable] = dataclasses.replace(run, cable=dataclasses.replace(run.cable, length=number))
         elif what.quantity == "position":
             end: End = getattr(run, what.side)
             position = list(end.position)  # type: ignore[arg-type]
@@ -177,15 +160,6 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
         turned = tuple(rotations.multiply(np.asarray(end.quaternion), _turn(angles)).tolist())
         runs[cable] = dataclasses.replace(runs[cable], **{side: dataclasses.replace(end, quaternion=turned)})  # type: ignore[arg-type]
     return dataclasses.replace(problem, cables=runs)
-
-
-def _with_property(cable: Cable, quantity: str, number: float) -> Cable:
-    """Return ``cable`` with a quantity set; a flat section's bending stiffnesses keep their ratio."""
-    if quantity != "bending_stiffness" or not isinstance(cable.bending_stiffness, tuple):
-        return dataclasses.replace(cable, **{quantity: number})  # type: ignore[arg-type]
-    kx, ky = cable.bending_stiffness
-    share = number / float(np.sqrt(kx * ky))
-    return dataclasses.replace(cable, bending_stiffness=(share * kx, share * ky))
 
 
 def rebased(problem: Problem, design: Array) -> Problem:
@@ -208,15 +182,12 @@ def rebased(problem: Problem, design: Array) -> Problem:
 
 @dataclass(frozen=True)
 class ClampRates:
-    """How the clamps, the length and the properties of one cable move with k design variables, in P frames.
+    """How the clamps and the length of one cable move with k design variables, in P frames.
 
     Args:
         start, end: of the clamps' world positions, (P, 3, k), m per unit of the variable.
         start_turn, end_turn: of the clamps' orientations, in their own section frames, (3, k), rad per unit.
         length: (k,), m per unit.
-        stiffness: of (kx, ky, kz), relative, (3, k), 1 per unit.
-        mass_per_length: (k,), kg/m per unit.
-        gravity: of the problem, (3,), m/s2.
     """
 
     start: Array
@@ -224,9 +195,6 @@ class ClampRates:
     start_turn: Array
     end_turn: Array
     length: Array
-    stiffness: Array
-    mass_per_length: Array
-    gravity: Array
 
 
 def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> ClampRates:
@@ -248,13 +216,12 @@ def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> C
             angles[what.side][what.axis] = float(place[name])
     moves = {side: np.zeros((len(motion), 3, count)) for side in ("start", "end")}
     turn = {side: np.zeros((3, count)) for side in ("start", "end")}
-    own = {quantity: np.zeros(count) for quantity in ("length", *PROPERTIES)}
-    for j, (name, what) in enumerate(zip(names, targets, strict=True)):
+    length = np.zeros(count)
+    for j, what in enumerate(targets):
         if what.cable != cable:
             continue
         if what.side is None:
-            # stiffnesses scale, so that their rates are relative
-            own[what.quantity][j] = 1.0 / place[name] if what.quantity.endswith("stiffness") else 1.0
+            length[j] = 1.0
         elif what.quantity == "position":
             quaternions = problem.poses(getattr(run, what.side).body, motion)[1]
             moves[what.side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
@@ -263,14 +230,10 @@ def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> C
             after = {axis: angle for axis, angle in angles[what.side].items() if axis > what.axis}
             axis = rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[what.axis])
             turn[what.side][:, j] = np.deg2rad(1.0) * axis
-    stiffness = np.stack([own["bending_stiffness"], own["bending_stiffness"], own["torsional_stiffness"]])
     return ClampRates(
         moves["start"] @ matrix,
         moves["end"] @ matrix,
         turn["start"] @ matrix,
         turn["end"] @ matrix,
-        own["length"] @ matrix,
-        stiffness @ matrix,
-        own["mass_per_length"] @ matrix,
-        np.asarray(problem.gravity),
+        length @ matrix,
     )

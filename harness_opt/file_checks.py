@@ -19,6 +19,7 @@ Tree = Mapping[str, Any]
 
 SIDES = ("start", "end")
 ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
+LONGEST_NAME = 100  # letters; names become file names and array names
 NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
 
 
@@ -54,7 +55,12 @@ def mistakes_between(tree: Tree, places: Places) -> Iterator[Mistake]:
 def _names(tree: Tree) -> Iterator[Mistake]:
     for section in ("cables", "bodies", "parts"):
         for name in table(tree, section):
-            if not name or name != name.strip() or not all(c.isalnum() or c in NAME_MARKS for c in name):
+            if len(name) > LONGEST_NAME:
+                yield (
+                    (section, name[:LONGEST_NAME]),
+                    f"found a longer name, expected {LONGEST_NAME} letters at most",
+                )
+            elif not name or name != name.strip() or not all(c.isalnum() or c in NAME_MARKS for c in name):
                 words = "expected a name of letters, digits, spaces, _ and -"
                 yield (section, name), f"found the name {shown(name)}, {words}"
     if WORLD in table(tree, "bodies"):

@@ -20,6 +20,7 @@ Mistake = tuple[KeyPath, str]  # where, and "found ..., expected ..."
 
 QUATERNION_TOLERANCE = 1e-3  # largest | |q| - 1 | taken as rounding: three typed digits do; normalised then
 LARGEST = 1e100  # of any number, in any unit: squares and products of two or three must not overflow
+SMALLEST = 1e-100  # of a number that has to be above 0: nothing that is divided by it may overflow
 SHORTEST = 1e-100  # direction, in any unit: its square must not vanish
 LONGEST_SHOWN = 60  # characters of a wrong value that a message repeats
 
@@ -73,8 +74,9 @@ class Expected:
         try:
             return inner(value)
         except ValidationError:
-            too_large = isinstance(value, (int, float)) and LARGEST < abs(value) < math.inf
-            words = self.words + (f", at most {LARGEST:g} in size" if too_large else "")
+            size = abs(value) if isinstance(value, (int, float)) else 0
+            words = self.words + (f", at most {LARGEST:g} in size" if LARGEST < size < math.inf else "")
+            words += f", at least {SMALLEST:g}" if 0 < size < SMALLEST and value > 0 else ""
             raise PydanticCustomError("expected", "{words}", {"words": words}) from None
 
 
@@ -110,7 +112,7 @@ def only_integer(value: Any) -> Any:
 
 _Float = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Finite = Annotated[_Float, AfterValidator(_bounded)]
-_Above0 = Annotated[_Float, Field(gt=0), AfterValidator(_bounded)]
+_Above0 = Annotated[_Float, Field(ge=SMALLEST), AfterValidator(_bounded)]
 _AtLeast0 = Annotated[_Float, Field(ge=0), AfterValidator(_bounded)]
 _Triple = tuple[_Finite, _Finite, _Finite]
 

@@ -26,9 +26,13 @@ TRUST = 0.25  # first trust region, in the bounds' ranges
 LEAST_TRUST = 1e-5
 STEP_DONE = 1e-3  # a step below this, in the bounds' ranges, ends the search
 PROMISE = 1e-3  # of a violation or shortfall: a step that promises to take away less ends the search
+WORTH = 8.0  # times an objective of change or length: by a thousandth of that it may be missed
+TINY = 1e-9  # of such an objective: nothing
 LEAST_SHORT = 0.2  # in scales: of a smaller shortfall that share is taken of this
 MARGIN = 1e-3  # by how much a trial must improve on the designs met before
+FAILURES = 3  # in a row, where a limit is violated by more than WORST: other starts promise more
 SHRINK = 0.35  # of the step that failed: the next trust region
+TAUGHT, NEAR = 4, 3.0  # failed trials that are remembered, and within how many trust regions
 ASTRAY = 0.1  # largest scaled violation of a design that the search goes on from for one step though it is no better
 WORST = 0.5  # largest scaled violation that a lower objective can excuse
 
@@ -76,40 +80,48 @@ def descend(trials: Trials, goal: Goal, design: Trial, stride: int, note: Note) 
     """
     trust, best = TRUST, design
     met = [(goal.violation(design), goal.objective(design))]
-    tried: Trial | None = None
+    tried: list[Trial] = []
     home: Trial | None = None  # to return to, where the search has gone on from a design that was not acceptable
+    failures = 0
     for _ in range(ITERATIONS):
-        step, promise = _step(goal, design, trust, tried)
+        step, promise = _step(goal, design, trust, _near(goal, design, tried, trust))
         size = float(np.max(np.abs(step)))
         if _done(goal, design, size, promise):
             if home is None:
                 break
-            design, tried, home, trust = home, design, None, SHRINK * trust
+            design, home, trust = home, None, SHRINK * trust
             continue
         trial = trials(design.values + step * goal.range, design, stride=stride)
         accepted = trial is not None and _acceptable(goal.violation(trial), goal.objective(trial), met)
         if accepted and trial is not None:
             met.append((goal.violation(trial), goal.objective(trial)))
             trust = 2.0 * trust if size > 0.9 * trust else trust
-            design, tried, home = trial, None, None
+            design, home = trial, None
             best = design if goal.better(design, best) else best
         elif home is None and trial is not None and goal.violation(trial) <= ASTRAY:
-            design, tried, home = trial, None, design
+            design, home = trial, design
             trust = min(trust, size)
         else:
             trust = SHRINK * min(trust, size)
-            tried = trial if trial is not None and goal.violation(trial) <= WORST else None
             design, home = home or design, None
+        if not accepted and trial is not None and goal.violation(trial) <= WORST:
+            tried = [*tried, trial][-TAUGHT:]
         note(_told(goal, trial or design, trust, size, accepted), best)
-        if trust < LEAST_TRUST:
+        failures = 0 if accepted else failures + 1
+        if trust < LEAST_TRUST or (failures >= FAILURES and goal.violation(design) > WORST):
             break
     return best
 
 
-def _step(goal: Goal, design: Trial, trust: float, tried: Trial | None) -> tuple[Array, float]:
-    """Return the step (k,) in ranges, and what it promises of what it is after, as a share: violation, or shortfall.
+def _near(goal: Goal, design: Trial, tried: list[Trial], trust: float) -> list[Trial]:
+    """Return those of ``tried`` that stand near enough to ``design`` for their linearised limits to hold there."""
+    reach = NEAR * trust
+    return [t for t in tried if 0.0 < float(np.max(np.abs(t.values - design.values) / goal.range)) <= reach]
 
-    Infinite where it is after something else.
+
+def _step(goal: Goal, design: Trial, trust: float, tried: list[Trial]) -> tuple[Array, float]:
+    """Return the step (k,) in ranges, and what it promises of what it is after, as a share: violation, shortfall, or a
+    few times the objective.
     """
     program = goal.program(design, trust, tried)[0]
     answer = solve(program)
@@ -117,7 +129,8 @@ def _step(goal: Goal, design: Trial, trust: float, tried: Trial | None) -> tuple
         short = float(np.max(-program.margin[~program.soft], initial=0.0))
         return answer.step, (short - answer.slack) / short if short > 0.0 else np.inf
     if not np.any(program.soft):
-        return answer.step, np.inf
+        gain = -float(program.gradient @ answer.step + 0.5 * program.curvature @ answer.step**2)
+        return answer.step, gain / (WORTH * goal.objective(design) + TINY)
     short = float(np.max(-program.margin[program.soft]))
     return answer.step, (max(short, program.floor) - answer.shortfall) / max(abs(short), LEAST_SHORT)
 

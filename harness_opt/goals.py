@@ -8,6 +8,7 @@ shortfall of those; all other limits are hard.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,20 +119,18 @@ class Goal:
             return self.objective(a) < self.objective(b)
         return self.violation(a) < self.violation(b)
 
-    def program(self, trial: Trial, trust: float, tried: Trial | None = None) -> tuple[Program, tuple[str, ...]]:
+    def program(self, trial: Trial, trust: float, tried: Sequence[Trial] = ()) -> tuple[Program, tuple[str, ...]]:
         """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and its rows' limits.
 
         Args:
             trial: where the step begins.
             trust: its largest entry.
-            tried: a design nearby that was tried in vain: what it taught of the limits counts as well.
+            tried: designs nearby that were tried in vain: what they taught of the limits counts as well.
         """
-        rows = trial.rows
-        if tried is not None:
-            back = trial.values - tried.values
-            rows = Rows.joined(
-                [rows, dataclasses.replace(tried.rows, margin=tried.rows.margin + tried.rows.rate @ back)]
-            )
+        taught = [
+            dataclasses.replace(t.rows, margin=t.rows.margin + t.rows.rate @ (trial.values - t.values)) for t in tried
+        ]
+        rows = Rows.joined([trial.rows, *taught])
         tightest = np.argsort(rows.margin, kind="stable")[:ROWS]
         margin, rate, soft = rows.margin[tightest], rows.rate[tightest] * self.range, self._is_soft(rows)[tightest]
         names = tuple(rows.name[i] for i in tightest)

@@ -268,7 +268,8 @@ def solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
         solved = solve_on(without_moments, mesh, x, solver, SOLVE_ITERATIONS)
         if not solved.ok or solved.turned or not error_estimate(solved)[0] < RESOLVED:
             continue
-        if turning(solved.rod.sample(chain.nodes).q, resting.q) < FAITHFUL:
+        slid = solved.solution.factor is None  # along a valley: no step of the last iterations was Newton's own
+        if slid or turning(solved.rod.sample(chain.nodes).q, resting.q) < FAITHFUL:
             break
     else:
         return None

@@ -5,7 +5,9 @@ trimesh is imported when the first mesh is read.
 
 from __future__ import annotations
 
+import io
 import logging
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,12 +16,14 @@ import numpy as np
 from .errors import ProblemError
 from .file_places import MOST_MESH_BYTES
 from .mesh_orientation import closing, outward
-from .mesh_sizes import Refused, beside, refuse_faces
+from .mesh_sizes import Refused, beside, is_text, refuse_faces
 from .problem import MeshFile
 from .rotations import Array
 from .vectors import Indices
 
 _UNHEARD = logging.NullHandler()
+SOLIDS = re.compile(rb"^[ \t]*(?:end)?solid\b.*$", re.IGNORECASE | re.MULTILINE)
+TEXTURES = re.compile(rb"/[^\s/]*")  # numbers of texture corners and normals, behind that of a corner
 METRES = {None: 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # None: the format is in metres itself
 FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf")
 LONGEST = 200  # characters of what a reader says
@@ -59,7 +63,14 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
     try:
         files = beside(mesh.path, MOST_MESH_BYTES)
         with np.errstate(all="ignore"):
-            loaded: Any = trimesh.load_scene(mesh.path, process=False, skip_materials=True, resolver=files)
+            options: dict[str, Any] = {"process": False, "skip_materials": True, "resolver": files}
+            suffix = mesh.path.suffix.lower()
+            if suffix == ".obj":
+                loaded: Any = trimesh.load_scene(_bare(mesh.path.read_bytes()), file_type="obj", **options)
+            elif suffix == ".stl" and is_text(mesh.path):
+                loaded = trimesh.load_scene(_one_solid(mesh.path.read_bytes()), file_type="stl", **options)
+            else:
+                loaded = trimesh.load_scene(mesh.path, **options)
             refuse_faces(sum(_faces_placed(loaded)))
             loaded = loaded.to_mesh()
         vertices, faces = np.asarray(loaded.vertices, dtype=float), np.asarray(loaded.faces, dtype=np.int64)
@@ -75,6 +86,18 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
     if not np.any(distinct):
         raise ProblemError(f"{key}: found no triangle with an area in {mesh.path}, expected a triangle mesh")
     return np.array(loaded.vertices, dtype=float), faces[distinct]
+
+
+def _bare(content: bytes) -> io.BytesIO:
+    """Return the corners and faces alone of an OBJ file: each group and material would be a mesh of its own."""
+    lines = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    kept = [line for line in map(bytes.strip, lines) if line.startswith((b"v ", b"v\t", b"f ", b"f\t"))]
+    return io.BytesIO(TEXTURES.sub(b"", b"\n".join(kept)) + b"\n")
+
+
+def _one_solid(content: bytes) -> io.BytesIO:
+    """Return the triangles of all solids of an STL file in one: each would be a mesh of its own."""
+    return io.BytesIO(b"solid all\n" + SOLIDS.sub(b"", content) + b"\nendsolid all\n")
 
 
 def _faces_placed(scene: Any) -> Iterator[int]:

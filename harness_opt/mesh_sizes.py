@@ -16,7 +16,8 @@ from urllib.parse import unquote
 MOST_FACES = 10_000_000
 MOST_NUMBERS = 12 * MOST_FACES  # that one array may hold: as many triangles with corners of their own, and normals
 MOST_TEXT = 250_000_000  # bytes of a mesh written as text, which takes ten times as much while it is read
-MOST_NODES = 100_000  # of the tree in a glTF file
+MOST_NODES = 10_000  # of the tree in a glTF file, and pieces of its meshes: each takes a while to place
+DEEPEST = 100  # nodes below each other
 STL_HEAD, STL_FACE = 84, 50  # bytes of a binary STL file: its head, which ends in the count, and one triangle
 PLY_HEAD = 64 * 1024  # bytes in which the header of a PLY file must end
 GLB_HEAD = 20  # bytes of a GLB file before its JSON: magic, version, length, and the length and kind of the chunk
@@ -86,6 +87,14 @@ def _stl(file: Path) -> None:
         _refuse_long(file)
 
 
+def is_text(file: Path) -> bool:
+    """Return whether an STL file is written as text: it begins as such, and is not as long as a binary one would be."""
+    with file.open("rb") as stream:
+        head = stream.read(STL_HEAD)
+    count = int.from_bytes(head[-4:], "little")
+    return head.lstrip().lower().startswith(b"solid") and file.stat().st_size != STL_HEAD + STL_FACE * count
+
+
 def _ply(file: Path) -> None:
     """Check that no more elements are announced than there are bytes: each takes one at least."""
     size = file.stat().st_size
@@ -138,6 +147,9 @@ def _refuse_accessors(head: dict[str, Any]) -> None:
         if "bufferView" not in accessor and count and "sparse" not in accessor and not accessor.get("extensions"):
             # allowed, and then it is all zeros: which no mesh is
             raise Refused(f"an array of {count:,} zeros that is in no buffer")
+    pieces = sum(len(mesh["primitives"]) for mesh in head.get("meshes", ()))
+    if pieces > MOST_NODES:
+        raise Refused(f"meshes of {pieces:,} pieces", f"at most {MOST_NODES:,}")
     nodes = head.get("nodes", ())
     if len(nodes) > MOST_NODES:
         raise Refused(f"{len(nodes):,} nodes", f"at most {MOST_NODES:,}")
@@ -161,9 +173,11 @@ def _refuse_loops(nodes: Any) -> None:
     if len(set(children)) < len(children):
         raise Refused("a node in two places of its tree")
     reached = [k for k in range(len(nodes)) if k not in set(children)]
-    seen = 0
+    seen = depth = 0
     while reached:
-        seen += len(reached)
+        seen, depth = seen + len(reached), depth + 1
+        if depth > DEEPEST:
+            raise Refused("nodes that lie deep below each other", f"at most {DEEPEST}")
         reached = [child for k in reached for child in nodes[k].get("children", ())]
     if seen < len(nodes):
         raise Refused("nodes in a circle")

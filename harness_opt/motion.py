@@ -54,7 +54,8 @@ def simulate(  # noqa: PLR0913
         points, closure: of "dqm", as in :func:`harness_opt.equilibrium`.
         first: shapes of the first frame, by cable, such as one of :func:`harness_opt.equilibria`; the others are
             found from their clamps alone.
-        progress: called with a cable's name, frames done, frames in all.
+        progress: called with a cable's name, frames done, frames in all; where it raises KeyboardInterrupt, the motion
+            ends there, with the status INTERRUPTED.
         throw: raise where a shape cannot be found, or return the motion solved until there.
 
     Raises:

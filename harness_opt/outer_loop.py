@@ -30,7 +30,7 @@ from .robust import Robustness
 from .rotations import Array
 from .scene import load_scene
 from .threads import one_thread
-from .trade_off import TradeOff, trade_off
+from .trade_off import TradeOff, check_pair, trade_off
 from .trials import GUARD, Trial, Trials
 
 Watch = Callable[[Step], None]
@@ -185,6 +185,8 @@ def redesign(
         SolveError: the original design cannot be simulated, not even moved inside its bounds.
     """
     check_design(problem)
+    if pareto is not None:
+        check_pair(problem, pareto)
     begin = time.perf_counter()
     scene = load_scene(problem)
     loaded = time.perf_counter()

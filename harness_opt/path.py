@@ -16,7 +16,7 @@ from .rotations import Array
 STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
 LEVER = 0.25  # of the cable's length: a clamp's turn counts as the travel of a point that far away
 PATH_SAMPLES = 2001  # for measuring the path of the clamps
-MOST_FRAMES = 20_000  # of all cables together: at 0.1 MB each they keep to 2 GB
+MOST_FRAMES = 10_000  # of all cables together: at 0.2 MB each, while clearances are measured, they keep to 2 GB
 
 
 def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:

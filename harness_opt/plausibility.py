@@ -37,6 +37,8 @@ def doubts(problem: Problem) -> tuple[str, ...]:
 
 def part_doubts(problem: Problem, name: str, size: Array) -> Iterator[str]:
     """Yield what is hardly meant about a part whose box has the edges ``size`` (3,), m."""
+    if not problem.cables:  # nothing to compare it with
+        return
     longest = max(run.cable.length for run in problem.cables.values())
     thinnest = min(run.cable.diameter for run in problem.cables.values())
     across = float(np.linalg.norm(size))
@@ -104,7 +106,7 @@ def _surroundings(problem: Problem) -> Iterator[str]:
 
 def _limits(problem: Problem) -> Iterator[str]:
     """Yield limits that no cable of the problem can mean."""
-    longest = max(run.cable.length for run in problem.cables.values())
+    longest = max((run.cable.length for run in problem.cables.values()), default=math.inf)
     given = {"limits.clearance": problem.limits.clearance, "limits.bend_radius": problem.limits.bend_radius}
     given |= {f"parts.{name}.clearance": part.clearance for name, part in problem.parts.items()}
     for key, limit in given.items():

@@ -17,6 +17,7 @@ from .rotations import Array
 
 HEADER = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 GAP = 10.0  # a time interval this many medians long is a gap: a spline would invent the motion in it
+MOST_LINES = 100_000  # a thousand a second for more than a minute; more take long and tell nothing more
 MOST_MISTAKES = 10  # a table with the wrong columns is wrong in every line; the first few tell it
 
 
@@ -39,6 +40,8 @@ def parse_poses(content: bytes, file: Path) -> Poses:
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise ProblemError(f"{file.name}, line {line}: found bytes that are not UTF-8, expected text") from None
+    if len(lines) > MOST_LINES:
+        raise ProblemError(f"{file.name}: found {len(lines):,} lines, expected at most {MOST_LINES:,}")
     numbered = [(i, line.partition("#")[0].strip()) for i, line in enumerate(lines, 1)]
     filled = [(i, [cell.strip() for cell in line.split(",")]) for i, line in numbered if line]
     if not filled:

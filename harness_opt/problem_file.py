@@ -60,7 +60,7 @@ MOST_KEYS = 50_000  # of all its tables
 DEEPEST = 32  # tables within tables; none of ours lies deeper than five
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
 MOST_MISTAKES = 200  # that are told one by one
-MOST_TABLE_BYTES = 50 * MEGABYTE  # of a table of poses: a quarter of a million rows
+MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
 MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
 _MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
@@ -154,7 +154,6 @@ def problem_from(
     raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
 ) -> Problem:
     """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
-    _refuse_many(raw, file)
     tables, tree, mistakes = file_schema.structured(raw)
     mistakes += mistakes_between(tree, places)
     motions, wrong = _motions(tree, places, pending or {})
@@ -190,11 +189,13 @@ def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
         line = content[: error.start].count(b"\n") + 1
         raise ProblemError(f"{file}: line {line}: found bytes that are not UTF-8, expected a TOML text") from None
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except RecursionError:
         raise ProblemError(f"{file}: found brackets nested too deeply, expected a problem file") from None
     except ValueError as error:
         raise ProblemError(f"{file}: {_syntax_words(str(error), text)}") from None
+    _refuse_many(tables, file)
+    return tables
 
 
 def _refuse_many(raw: dict[str, Any], file: Path) -> None:

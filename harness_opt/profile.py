@@ -27,6 +27,7 @@ from .path import place_frames
 from .problem import End, Problem
 from .results import CableMotion, Motion
 from .rotations import Array
+from .stored_arrays import plain_array, unpacked_size
 
 ORTHONORMAL = 1e-9  # most that the entries of A^T A may differ from the identity's: matrices typed in full, or computed
 # what NumPy raises on a file that is no npz archive of plain arrays: cut short, another program's, pickled, damaged
@@ -311,6 +312,8 @@ def _load(file: File, name: str) -> tuple[Array, Array]:
     try:
         # by handle: NumPy leaves a file open that it has opened and can't read
         with pathlib.Path(file).open("rb") as handle:
+            size = unpacked_size(handle) if zipfile.is_zipfile(handle) else 0
+            handle.seek(0)
             archive = np.load(handle, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise ProblemError(f"{file}: found a single array, {wanted}")
@@ -318,7 +321,8 @@ def _load(file: File, name: str) -> tuple[Array, Array]:
             if missing:
                 held = ", ".join(sorted(archive.files)) or "nothing"
                 raise ProblemError(f"{file}: found {held}, {wanted}")
-            return archive[f"{name}/position"], archive[f"{name}/rotation"]
+            position, rotation = (plain_array(f"{name}/{key}", archive, size) for key in ("position", "rotation"))
+            return position, rotation
     except OSError as error:
         raise ProblemError(f"{file}: found no way to read it ({error.strerror or error}), {wanted}") from None
     except UNREADABLE as error:

@@ -6,13 +6,17 @@ for those whose shortfall is to be least.
                 margin + rate d + e >= 0  for the soft rows,   e >= floor,
                 lowest <= d <= highest.
 
-The exact penalty of one elastic slack: Nocedal and Wright, "Numerical Optimization", section 18.5. Solved by HiGHS,
-through CasADi.
+The exact penalty of one elastic slack: Nocedal and Wright, "Numerical Optimization", section 18.5. Solved by CasADi's
+primal-dual interior-point method: the active-set methods that come with CasADi give up on, or go round in, programs
+whose rows are nearly the same, as those of neighbouring frames are. One of them, DAQP, stands in where it fails.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -22,7 +26,8 @@ from .rotations import Array
 
 PENALTY = 100.0  # of the hard rows' slack; above any multiplier of an objective of order one
 SMALL = 1e-6  # curvature of the objective everywhere: keeps the step unique where the objective does not
-FALLBACK = "daqp"  # solves what HiGHS gives up on
+TINY = 1e-6  # the same of the slacks, for the method that needs it
+QUIET = {"print_iter": False, "print_header": False, "print_info": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,24 +76,27 @@ class Answer:
 def solve(program: Program) -> Answer:
     """Return the solution of ``program``; it has one, whatever the rows are."""
     k, m = len(program.gradient), len(program.margin)
-    any_soft = bool(np.any(program.soft))
-    hessian = np.diag(np.concatenate([program.curvature + SMALL, [0.0, 0.0]]))
-    gradient = np.concatenate([program.gradient, [PENALTY, 1.0 if any_soft else 0.0]])
-    rows = np.hstack([program.rate, ~program.soft[:, None], program.soft[:, None]]).astype(float)
-    lower = np.concatenate([program.lowest, [0.0, program.floor if any_soft else 0.0]])
-    upper = np.concatenate([program.highest, [np.inf, np.inf if any_soft else 0.0]])
-    given = {"h": hessian, "g": gradient, "a": rows, "lba": -program.margin, "lbx": lower, "ubx": upper}
-    shapes = {"h": ca.Sparsity.dense(k + 2, k + 2), "a": ca.Sparsity.dense(m, k + 2)}
-    for name, options in (("highs", {"highs": {"output_flag": False}}), (FALLBACK, {})):
+    # without soft rows there is no e: an interior point needs room between the bounds of every unknown
+    any_soft = int(np.any(program.soft))
+    gradient = np.concatenate([program.gradient, [PENALTY, 1.0][: 1 + any_soft]])
+    rows = np.hstack([program.rate, ~program.soft[:, None], program.soft[:, None]]).astype(float)[:, : k + 1 + any_soft]
+    lower = np.concatenate([program.lowest, [0.0, program.floor][: 1 + any_soft]])
+    upper = np.concatenate([program.highest, [np.inf] * (1 + any_soft)])
+    given = {"g": gradient, "a": rows, "lba": -program.margin, "lbx": lower, "ubx": upper}
+    shapes = {"h": ca.Sparsity.dense(len(gradient), len(gradient)), "a": ca.Sparsity.dense(m, len(gradient))}
+    ways: tuple[tuple[float, str, dict[str, Any]], ...] = ((0.0, "ipqp", QUIET), (TINY, "daqp", {}))
+    for curvature, name, options in ways:
+        given["h"] = np.diag(np.concatenate([program.curvature + SMALL, [curvature] * (1 + any_soft)]))
         solver = ca.conic("step", name, shapes, {**options, "error_on_fail": False})
-        answer = solver(**given)
-        if solver.stats()["success"]:
+        with contextlib.redirect_stderr(io.StringIO()):  # what the first one warns of, the second one takes care of
+            answer = solver(**given)
+        if solver.stats()["success"] and np.all(np.isfinite(np.asarray(answer["x"]))):
             break
     x = np.asarray(answer["x"]).ravel()
     return Answer(
         np.clip(x[:k], program.lowest, program.highest),
         float(x[k]),
-        float(x[k + 1]),
+        float(x[k + 1]) if any_soft else 0.0,
         np.maximum(-np.asarray(answer["lam_a"]).ravel(), 0.0),
         np.asarray(answer["lam_x"]).ravel()[:k],
     )

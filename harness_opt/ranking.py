@@ -10,7 +10,7 @@ import numpy as np
 from .file_quantities import Quantity
 from .influence import Linear
 from .limits import limit_label
-from .redesign_summary import DEGREES
+from .redesign_summary import FILE_WORDS
 from .tolerances import Tolerance
 
 MM = 1e-3  # of a metre
@@ -66,7 +66,7 @@ def _unit(found: Linear, name: str) -> float:
     kind = name.partition(" of ")[0].replace(" ", "_")
     if kind == "bend_radius":  # the scaled margin is 1 - limit x curvature; the radius is the limit over what is left
         return scale / (1.0 - float(found.margin[found.worst(name)]))
-    return scale * DEGREES.get(kind, ("", 1.0))[1]
+    return scale * FILE_WORDS.get(kind, ("", 1.0))[1]
 
 
 def ranked(found: Linear, name: str, tolerances: Mapping[str, Tolerance] | None = None) -> list[Effect]:
@@ -97,5 +97,5 @@ def by_limit(found: Linear) -> dict[str, str]:
         words[limit_label("clearance", pair.cable, pair.obstacle)] = f"clearance.{pair.cable}.{pair.obstacle}"
     for cable in found.motion.cables:
         for kind in ("bend_radius", "twist", "clamp_force", "clamp_moment"):
-            words[limit_label(kind, cable, None)] = f"{DEGREES.get(kind, (kind, 1.0))[0]}.{cable}"
+            words[limit_label(kind, cable, None)] = f"{FILE_WORDS.get(kind, (kind, 1.0))[0]}.{cable}"
     return {name: words[name] for name in found.names}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from .errors import Status
 from .redesign_words import UNITS
-from .result_folder import read_summary
+from .result_folder import ASIDE, SUMMARY, read_summary
 
 if TYPE_CHECKING:
     from .filter_search import Step
@@ -64,16 +64,23 @@ def _label(kind: str) -> str:
 def interrupted(folder: Path, problem: Problem) -> Earlier | None:
     """Return the redesign of the same problem file that was interrupted and left in ``folder``; None without one.
 
+    Beside a result that is whole it lies in a folder of its own, and counts while it is the later of the two.
+
     Raises:
         OSError: a summary that cannot be read.
     """
     from .filter_search import Step
     from .outer_loop import Earlier
 
-    found = read_summary(folder)
+    aside = folder.with_name(folder.name + ASIDE)
+    places = [place / SUMMARY for place in (folder, aside) if (place / SUMMARY).is_file()]
+    if not places:
+        return None
+    found = read_summary(max(places, key=lambda file: file.stat().st_mtime_ns).parent)
+    parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
     if (
         found is None
-        or found.get("reason") != Status.INTERRUPTED.name.lower()
+        or found.get("reason") not in parts
         or found.get("problem", {}).get("sha256") != problem.sha256
         or found.get("command") != "redesign"
     ):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Json = dict[str, Any]
 LimitWords = Callable[[LimitResult], Json]
 
-DEGREES = {"twist": ("twist_deg_per_m", math.degrees(1.0))}  # name and unit in the file of what is in rad here
+FILE_WORDS = {"twist": ("twist_deg_per_m", math.degrees(1.0))}  # name and unit in the file of what is in rad here
 
 
 def redesign_summary(result: Motion | Redesign, limit_words: LimitWords) -> Json:
@@ -63,7 +63,7 @@ def redesign_summary(result: Motion | Redesign, limit_words: LimitWords) -> Json
 
 
 def _relaxation(found: Relaxation) -> Json:
-    name, unit = DEGREES.get(found.kind, (found.kind, 1.0))
+    name, unit = FILE_WORDS.get(found.kind, (found.kind, 1.0))
     entry = dataclasses.asdict(found) | {"kind": name, "key": found.key.replace(f".{found.kind}", f".{name}")}
     for value in ("value", "estimate", "enough"):
         entry[value] = None if entry[value] is None else unit * entry[value]
@@ -71,7 +71,7 @@ def _relaxation(found: Relaxation) -> Json:
 
 
 def _price(found: Price) -> Json:
-    name, unit = DEGREES.get(found.kind, (found.kind, 1.0))
+    name, unit = FILE_WORDS.get(found.kind, (found.kind, 1.0))
     entry = dataclasses.asdict(found) | {"kind": name, "key": found.key.replace(f".{found.kind}", f".{name}")}
     buys = {variable: unit * float(rate) for variable, rate in found.buys.items()}
     return entry | {"value": unit * found.value, "saves": found.saves / unit, "buys": buys}

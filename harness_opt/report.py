@@ -25,7 +25,7 @@ from .limits import cable_limits, held
 from .plausibility import doubts
 from .problem import MeshFile, Problem
 from .problem_file import write_problem
-from .redesign_summary import DEGREES, redesign_summary
+from .redesign_summary import FILE_WORDS, redesign_summary
 from .result_folder import SUMMARY, read_summary, replacing
 from .results import CableMotion, LimitResult, Motion
 from .rotations import Array
@@ -184,7 +184,7 @@ def _version(package: str) -> str:
 
 def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> Json:
     """Return a limit's row in the words and the unit of the problem file."""
-    name, unit = DEGREES.get(row.name, (row.name, 1.0))
+    name, unit = FILE_WORDS.get(row.name, (row.name, 1.0))
     entry = dataclasses.asdict(row) | {"name": name}
     entry |= {key: unit * entry[key] for key in ("limit", "worst", "margin", "tolerance")}
     if measured is not None and row.name == "clearance":
@@ -241,8 +241,8 @@ def _strict(value: Any) -> Any:
 
 
 def as_json(content: Json) -> str:
-    """Return ``content`` as strict JSON text."""
-    return json.dumps(content, indent=2, allow_nan=False)
+    """Return ``content`` as strict JSON text: what is not finite is null."""
+    return json.dumps(_strict(content), indent=2, allow_nan=False)
 
 
 # --- the result folder ---------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from .errors import ProblemError
 from .whole_folder import PART, clear_away, flush, held, put, write_whole
 
 SUMMARY = "summary.json"
+ASIDE = "-interrupted"  # added to the name of a folder that holds a whole result, for a part of another
 COMMANDS = ("simulate", "redesign")  # that write a result folder
 MOST_BYTES = 50_000_000  # of a summary; those of a hundred cables among a thousand parts are smaller
 NAMES_SHOWN = 3  # of the files that stand in the way

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
 EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
-ASIDE = "-interrupted"  # added to the name of a folder that holds a whole result, for a part of another
 REMEDY = 'pip install "harness-opt[pictures]"'
 
 
@@ -131,6 +130,8 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
     if interrupted and not content["frames"]:
         return content, None  # an earlier result is worth more
     if interrupted and _is_whole(folder):
+        from .result_folder import ASIDE
+
         folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
     try:
         return write_results(result, folder, measured=measured, command=command), folder

@@ -11,18 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from .boundary import Boundary
-from .continuation import Solved
 from .design_variables import ClampRates
 from .rod import Section
 from .rotations import Array
 from .shape import Rod
 from .sweeps import Sweep
-from .transcriptions.collocation import BoundCollocation
 
 # The rates of the states at the nodes are exact; what is sampled between the nodes follows from them by a central
 # difference of the sampling alone, with a step that turns no section by more than this, rad.
 SAMPLING_STEP = 1e-4
-STIFFNESS_STEP = 1e-3  # relative, of the differences of the residual with the stiffnesses
 
 
 @dataclass(frozen=True)
@@ -47,14 +44,13 @@ class ShapeRates:
 
 @dataclass(frozen=True)
 class _NodeRates:
-    """Dimensionless rates of the states at the nodes, each (P, n + 1, 3 or 4, k), of the section and the load (3, k),
+    """Dimensionless rates of the states at the nodes, each (P, n + 1, 3 or 4, k), of rest curvature and load (3, k),
     and of the unknowns (P, m, k)."""
 
     q: Array
     r: Array
     force: Array
     moment: Array
-    stiffness: Array
     rest: Array
     load: Array
     unknowns: Array
@@ -64,11 +60,9 @@ def _node_rates(swept: Sweep, clamps: ClampRates, exact: bool) -> _NodeRates:
     first = swept.frames[0].case
     units, count = swept.units, len(clamps.length)
     longer = clamps.length / units.length
-    # f L^3 / B and omega_rest L grow with the length; B, the mean of kx and ky, takes its part of all stiffnesses
+    # f L^3 / B and omega_rest L grow with the length
     rest = np.outer(first.section.rest_curvature, longer)
-    load = np.outer(first.load, 3.0 * longer - _stiffer(clamps))
-    load = load + np.outer(clamps.gravity, clamps.mass_per_length) * units.length / units.force
-    stiffness = first.section.stiffness[:, None] * (clamps.stiffness - _stiffer(clamps))
+    load = np.outer(first.load, 3.0 * longer)
     q, r, force, moment, unknowns = [], [], [], [], []
     for k, frame in enumerate(swept.frames):
         bound, x = frame.bound, frame.solution.x
@@ -77,7 +71,6 @@ def _node_rates(swept: Sweep, clamps: ClampRates, exact: bool) -> _NodeRates:
             x, gap=gap, start_turn=clamps.start_turn, end_turn=clamps.end_turn, rest=rest, load=load,
             loads=_applied_rates(bound.boundary, clamps, units.length),
         )  # fmt: skip
-        change += _stiffness_rates(frame, stiffness)
         left_behind = None if exact else frame.solution.factor
         dx = -(left_behind or frame.factor).solve(change)
         unknowns.append(dx)
@@ -90,40 +83,13 @@ def _node_rates(swept: Sweep, clamps: ClampRates, exact: bool) -> _NodeRates:
     stacked = [
         np.stack(v).reshape(len(swept.frames), -1, c, count) for v, c in ((q, 4), (r, 3), (force, 3), (moment, 3))
     ]
-    return _NodeRates(stacked[0], stacked[1], stacked[2], stacked[3], stiffness, rest, load, np.stack(unknowns))
-
-
-def _stiffer(clamps: ClampRates) -> Array:
-    """Return the relative rates (k,) of B = sqrt(kx ky)."""
-    return 0.5 * (clamps.stiffness[0] + clamps.stiffness[1])
-
-
-def _stiffness_rates(frame: Solved, stiffness: Array) -> Array:
-    """Return dR (m, k) for changes of the dimensionless stiffnesses (3, k), at fixed unknowns.
-
-    The residual is algebraic in them: central differences of the fourth order leave 1e-12 of it.
-    """
-    bound, x = frame.bound, frame.solution.x
-    out = np.zeros((len(x), stiffness.shape[1]))
-    for j in np.flatnonzero(np.any(stiffness, axis=0)):
-        change = STIFFNESS_STEP * stiffness[:, j] / np.max(np.abs(stiffness[:, j] / bound.section.stiffness))
-        sides = {k: _stiffened(bound, k * change).residual(x) for k in (-2, -1, 1, 2)}
-        slope = (8.0 * (sides[1] - sides[-1]) - (sides[2] - sides[-2])) / 12.0
-        out[:, j] = slope * np.max(np.abs(stiffness[:, j] / bound.section.stiffness)) / STIFFNESS_STEP
-    return out
-
-
-def _stiffened(bound: BoundCollocation, change: Array) -> BoundCollocation:
-    section = Section(bound.section.stiffness + change, bound.section.rest_curvature)
-    return bound.transcription.bind(section, bound.load, bound.boundary, bound.mesh)
+    return _NodeRates(stacked[0], stacked[1], stacked[2], stacked[3], rest, load, np.stack(unknowns))
 
 
 def _applied_rates(boundary: Boundary, clamps: ClampRates, length: float) -> dict[str, Array]:
     """Return the rates of the dimensionless end loads: F L^2 / B and M L / B grow with the length."""
     return {
-        f"{side}_{load}": np.outer(
-            getattr(boundary, f"{side}_{load}"), power * clamps.length / length - _stiffer(clamps)
-        )
+        f"{side}_{load}": np.outer(getattr(boundary, f"{side}_{load}"), power * clamps.length / length)
         for side in ("start", "end")
         for load, power in (("force", 2.0), ("moment", 1.0))
     }
@@ -143,15 +109,11 @@ def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array, *, exact: boo
     count, frames = len(clamps.length), len(swept.frames)
     out = {name: np.zeros((frames, len(stations), 3, count)) for name in ("r", "omega", "force", "moment")}
     for j in range(count):
-        stiffer = nodes.stiffness[:, j] / rod.section.stiffness
-        largest = max(float(np.max(np.abs(nodes.q[..., j]))), float(np.max(np.abs(stiffer))), 1e-12)
+        largest = max(float(np.max(np.abs(nodes.q[..., j]))), 1e-12)
         step = SAMPLING_STEP / largest
         sides = [
             Rod(
-                Section(
-                    rod.section.stiffness + sign * nodes.stiffness[:, j],
-                    rod.section.rest_curvature + sign * nodes.rest[:, j],
-                ),
+                Section(rod.section.stiffness, rod.section.rest_curvature + sign * nodes.rest[:, j]),
                 rod.load + sign * nodes.load[:, j],
                 rod.mesh,
                 rod.q + sign * nodes.q[..., j],
@@ -173,8 +135,8 @@ def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array, *, exact: boo
     return ShapeRates(
         origin[:, None] + moved,
         (out["omega"] - here.omega[..., None] * longer) / units.length,
-        units.force * (out["force"] + here.force[..., None] * (_stiffer(clamps) - 2.0 * longer)),
-        units.moment * (out["moment"] + here.moment[..., None] * (_stiffer(clamps) - longer)),
+        units.force * (out["force"] - 2.0 * here.force[..., None] * longer),
+        units.moment * (out["moment"] - here.moment[..., None] * longer),
         nodes.unknowns,
         clamps.length,
     )

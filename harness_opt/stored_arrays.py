@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -50,14 +53,13 @@ def read_arrays(file: Path) -> tuple[Array, dict[str, CableMotion]]:
             motion.
         OSError: it cannot be read.
     """
+    if not file.is_file():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file))
     try:
-        with zipfile.ZipFile(file) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size > MOST_BYTES:
-            raise ValueError(f"{size:,} bytes of arrays, of which at most {MOST_BYTES:,} are read")
+        size = unpacked_size(file)
         with np.load(file, allow_pickle=False) as stored:
-            arrays = {name: _array(name, stored, size) for name in stored.files}
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, KeyError) as error:
+            arrays = {name: plain_array(name, stored, size) for name in stored.files}
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, KeyError) as error:
         raise ValueError(f"{file.name}: {error}") from error
     motion = arrays.pop(MOTION, np.zeros(0))
     if motion.ndim != 1 or not _finite(motion) or np.any(np.diff(motion) <= 0):
@@ -66,13 +68,33 @@ def read_arrays(file: Path) -> tuple[Array, dict[str, CableMotion]]:
     return motion, {name: _cable(name, arrays, len(motion)) for name in names}
 
 
-def _array(name: str, stored: Any, size: int) -> Array:
-    """Return one array; its own header may not promise more than the archive holds."""
+def unpacked_size(file: Path | IO[bytes]) -> int:
+    """Return how many bytes an npz archive unpacks to.
+
+    Raises:
+        ValueError: more than :data:`MOST_BYTES`.
+        zipfile.BadZipFile: it is none.
+    """
+    with zipfile.ZipFile(file) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > MOST_BYTES:
+        raise ValueError(f"{size:,} bytes of arrays, of which at most {MOST_BYTES:,} are read")
+    return size
+
+
+def plain_array(name: str, stored: Any, size: int) -> Array:
+    """Return one array of an open npz archive that unpacks to ``size`` bytes.
+
+    Raises:
+        ValueError: it holds no numbers, or its own header promises more of them than the archive has.
+    """
     with stored.zip.open(f"{name}.npy") as member:
         version = np.lib.format.read_magic(member)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read(member)
-    if dtype.kind not in "fb" or math.prod(shape) * dtype.itemsize > size or min(shape, default=1) < 0:
+    if dtype.hasobject:
+        raise ValueError(f"{name}: pickled objects, which are not opened")
+    if dtype.kind not in "fiub" or math.prod(shape) * dtype.itemsize > size or min(shape, default=1) < 0:
         raise ValueError(f"{name}: {shape} of {dtype}")
     return np.asarray(stored[name])
 

@@ -44,10 +44,12 @@ def read_motion(
         )
     except OSError as error:
         raise HarnessError(f"{folder}: found no {error.filename or error}, expected a result folder") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError) as error:
         raise HarnessError(f"{folder}: found a damaged result ({error!r}), expected a whole one") from error
     if not isinstance(source, str):
         raise HarnessError(f"{folder}: found no name of a problem file, expected one to know the parts by")
+    if (folder / source).exists() and not (folder / source).is_file():
+        raise HarnessError(f"{folder}: found {source!r} for its problem file, a folder or a device, expected a file")
     given = read_problem(folder / source, folders)
     redesigned = folder / "redesigned.toml"
     problem = read_problem(redesigned, folders) if redesigned.is_file() else given

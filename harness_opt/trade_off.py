@@ -83,6 +83,13 @@ def quantities(text: str) -> tuple[str, str]:
     return names[0], names[1]
 
 
+def check_pair(problem: Problem, pair: tuple[str, str]) -> None:
+    """Raise ProblemError where ``problem`` does not give the limits that are to be traded."""
+    missing = [name for name in pair if name in LIMITS and getattr(problem.limits, name) is None]
+    if missing:
+        raise ProblemError(f"limits.{name}: found none, expected one to trade in --pareto" for name in missing)
+
+
 def trade_off(
     trials: Trials, begin: Mapping[str, float], pair: tuple[str, str], note: Note, points: int = POINTS
 ) -> TradeOff:
@@ -96,14 +103,10 @@ def trade_off(
         points: of the curve.
 
     Raises:
-        ProblemError: a quantity whose limit the problem does not give.
         KeyboardInterrupt: raised by the progress of ``trials``.
     """
     problem = trials.problem
     stepped, other = (pair[1], pair[0]) if pair[1] in LIMITS else (pair[0], pair[1])
-    for name in pair:
-        if name in LIMITS and getattr(problem.limits, name) is None:
-            raise ProblemError(f"limits.{name}: found none, expected a limit to trade against {other}")
     values = np.array([begin[variable.name] for variable in problem.design.variables])
     found: list[Point] = []
     near: Trial | None = None

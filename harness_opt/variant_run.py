@@ -17,7 +17,7 @@ from .errors import ProblemError
 from .limits import all_limits
 from .motion import simulate
 from .problem import Problem
-from .redesign_summary import DEGREES
+from .redesign_summary import FILE_WORDS
 from .report import clearances, verdict
 from .results import LimitResult
 from .robust_loop import redesign
@@ -129,13 +129,13 @@ def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> Va
 
 def label(row: LimitResult) -> str:
     """Return the name of a limit in tables, in the file's words: "clearance.lead.bracket", "bend_radius.lead"."""
-    name = DEGREES.get(row.name, (row.name, 1.0))[0]
+    name = FILE_WORDS.get(row.name, (row.name, 1.0))[0]
     return ".".join((name, row.cable, row.part) if row.part else (name, row.cable))
 
 
 def in_file_units(row: LimitResult, value: float) -> float:
     """Return a value of a limit in the unit that the problem's file has for it."""
-    return DEGREES.get(row.name, (row.name, 1.0))[1] * value
+    return FILE_WORDS.get(row.name, (row.name, 1.0))[1] * value
 
 
 def scale(row: LimitResult, problem: Problem) -> float:

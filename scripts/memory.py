@@ -70,7 +70,7 @@ class Scene:
         return "\n".join(lines) + "\n"
 
 
-SCENES = (Scene(1000, 20, 1), Scene(100, 3, 10), Scene(1000, 20, 4), Scene(5000, 3, 1), Scene(19000, 1, 1))
+SCENES = (Scene(1000, 20, 1), Scene(100, 3, 10), Scene(9900, 1, 1))
 QUICK = (Scene(200, 20, 1), Scene(20, 3, 10))
 
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import sys
 import types
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+SCRIPTS = str(Path(__file__).resolve().parent.parent / "scripts")
 
 
 def script(name: str) -> types.ModuleType:
-    """Return ``scripts/NAME.py``; it stays imported, for what it defines is looked up by the name of its module."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+    """Return ``scripts/NAME.py``; scripts import each other by name."""
+    if SCRIPTS not in sys.path:
+        sys.path.append(SCRIPTS)
+    return importlib.import_module(name)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 import tracemalloc
 
 import numpy as np
 import pytest
 from flap_file import FLAP
 from problem_files import written
+from scripts_of import script
 
 import harness_opt as ho
 from harness_opt import through_motion
@@ -101,3 +103,12 @@ def test_long_motions_are_gone_through_in_blocks(motion, monkeypatch):
     again = ho.simulate(motion.problem)
     for name, value in vars(motion.cables["lead"]).items():
         np.testing.assert_allclose(getattr(again.cables["lead"], name), value, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no measure of it there")
+def test_memory_of_a_whole_run(tmp_path):
+    """A small scene of ``scripts/memory.py``, which tries 1,000 frames by 20 parts, and 10 cables."""
+    memory = script("memory")
+    row = memory.run(memory.Scene(frames=60, parts=4, cables=2), tmp_path)
+    assert row["frames"] >= 60 and row["status"] in ("ok", "violated")
+    assert row["memory_MB"] < 600

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from flap_file import FLAP, HIT, PLAIN, WALLED, put, stand_in, strict
 
-from harness_opt import between_frames, motion, outer_loop, report
+from harness_opt import between_frames, design_search, motion, outer_loop, report
 from harness_opt.clearance_search import STOPPED
 from harness_opt.cli import main
-from harness_opt.errors import SolveError, Status
+from harness_opt.errors import HarnessError, SolveError, Status
 from harness_opt.progress import Interrupts
 from harness_opt.report import read_results
 from harness_opt.results import Motion
@@ -83,6 +83,32 @@ def no_display(*_: object) -> None:
     raise RuntimeError("no display")
 
 
+def varied(text: str, length: float, broken: bool = False) -> Preparation:
+    """Have a study of one variant; with ``broken``, workers that come to nothing."""
+
+    def prepare(patch: Patch) -> list[str]:
+        put(text)
+        head = 'schema = 1\nproblem = "flap.toml"\nmethod = "list"\n[[variants]]\n'
+        put(f'{head}"cables.lead.length" = {length}\n', "study.toml")
+        if broken:
+
+            def lose(*_: object) -> None:
+                raise HarnessError("workers: found none, expected one")
+
+            patch.setattr("harness_opt.studies.run", lose)
+        return ["study", "study.toml", "--workers", "1"]
+
+    return prepare
+
+
+def insensitive(patch: Patch) -> list[str]:
+    def fail(*_: object) -> None:
+        raise SolveError("cable lead, frame 0: none", Status.NO_START)
+
+    patch.setattr("harness_opt.influence.linear", fail)
+    return ["sensitivity", put(FLAP)]
+
+
 CODES: dict[tuple[str, int], Preparation] = {
     ("check", 0): given("check", "flap.toml"),
     ("check", 2): given("check", "flap.toml", text="schema = 2"),
@@ -97,6 +123,15 @@ CODES: dict[tuple[str, int], Preparation] = {
     ("redesign", 2): given("redesign", "flap.toml", *PLAIN, text=FLAP.partition("[design.variables]")[0]),
     ("redesign", 3): not_found("redesign"),
     ("redesign", 130): interrupted("harness_opt.problem_file.read_problem", "redesign", "flap.toml"),
+    ("study", 0): varied(FLAP, 0.3),
+    ("study", 1): varied(HIT, 0.3),
+    ("study", 2): given("study", "flap.toml"),
+    ("study", 3): varied(FLAP, 0.3, broken=True),
+    ("study", 130): interrupted("harness_opt.study_file.read_study", "study", "study.toml"),
+    ("sensitivity", 0): given("sensitivity", "flap.toml"),
+    ("sensitivity", 2): given("sensitivity", "flap.toml", text="schema = 2"),
+    ("sensitivity", 3): insensitive,
+    ("sensitivity", 130): interrupted("harness_opt.problem_file.content_of", "sensitivity", "flap.toml"),
     ("show", 0): shown(lambda *_: None),
     ("show", 2): shown(no_display),
     ("show", 130): shown(interrupting),
@@ -123,7 +158,7 @@ def test_every_code_of_every_command(here, capsys, monkeypatch, command, code):
     assert main(arguments) == code
     out, err = capsys.readouterr()
     assert "Traceback" not in out + err
-    assert err if code in (2, 130) else out or command == "show"
+    assert err if code in (2, 130) else out + err or command == "show"
 
 
 # --- the time limit ------------------------------------------------------------------------------------
@@ -181,13 +216,13 @@ def test_a_real_clock(here):
 
 def test_a_time_limit_of_a_redesign_keeps_the_best_design(here, capsys, monkeypatch):
     """The search is stopped where a design has been met: it is written, not verified, and the code is 3."""
-    run = outer_loop._Loop.run
+    descend = design_search.descend
 
-    def late(loop, design, stride):
+    def late(*given):
         monkeypatch.setattr(Interrupts, "late", True)
-        return run(loop, design, stride)
+        return descend(*given)
 
-    monkeypatch.setattr(outer_loop._Loop, "run", late)
+    monkeypatch.setattr(design_search, "descend", late)
     monkeypatch.setattr(Interrupts, "late", False)
     assert main(["redesign", put(HIT), *PLAIN, "--json", "--time-limit", "1000"]) == 3
     content = strict(capsys.readouterr().out)

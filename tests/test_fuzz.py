@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scripts_of import script
 
-fuzz = script("fuzz")
+fuzz, fuzz_inputs = script("fuzz"), script("fuzz_inputs")
 INPUTS = 500
 
 
@@ -42,7 +42,7 @@ def test_spoilt_files_end_in_words(inputs, monkeypatch):
 
 def test_what_is_wrong_is_noticed(inputs, tmp_path, monkeypatch):
     """The judge itself: an escaped error, a wrong code, silence and half a result are all told."""
-    fuzz.put(inputs.problems[-1].contents, tmp_path)
+    fuzz_inputs.put(inputs.problems[-1].contents, tmp_path)
     file = inputs.problems[-1].file
 
     def judged(main: object) -> str:
@@ -66,7 +66,7 @@ def test_the_same_number_is_the_same_input(inputs, tmp_path):
 
 # --- any value anywhere ---------------------------------------------------------------------------------
 
-TABLES = tomllib.loads(fuzz.SMALL.replace("SUFFIX", "stl"))
+TABLES = tomllib.loads(fuzz_inputs.SMALL.replace("SUFFIX", "stl"))
 scalars = st.integers() | st.floats() | st.booleans() | st.text(max_size=8)
 values = st.recursive(scalars, lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=6), inner))
 
@@ -80,7 +80,7 @@ def places(tree: dict, before: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("small")
-    fuzz.put(fuzz.small("stl", False).contents, folder)
+    fuzz_inputs.put(fuzz_inputs.small("stl", False).contents, folder)
     return folder
 
 
@@ -106,7 +106,7 @@ def test_any_value_in_any_place(small, place, value, name):
 def test_bytes_are_spoilt_everywhere():
     """The mutator reaches the beginning, the middle and the end, and changes lengths."""
     content = bytes(range(256)) * 4
-    spoilt = [fuzz.spoilt_bytes(content, random.Random(seed)) for seed in range(400)]
+    spoilt = [fuzz_inputs.spoilt_bytes(content, random.Random(seed)) for seed in range(400)]
     first = [
         next((k for k, (a, b) in enumerate(zip(content, s, strict=False)) if a != b), len(content)) for s in spoilt
     ]

@@ -6,8 +6,10 @@ import base64
 import hashlib
 import json
 import os
+import re
 import struct
 import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -17,6 +19,7 @@ import trimesh
 from flap_file import FLAP, PLAIN, put
 from problem_files import HINGE, MESH, changed, mistakes, same, written
 
+import harness_opt as ho
 from harness_opt import file_places, mesh_sizes, problem_file, stored_arrays
 from harness_opt.cli import main
 from harness_opt.errors import HarnessError, ProblemError
@@ -227,7 +230,12 @@ BUFFER = {"buffer": 0, "byteLength": 36}
         ({"accessors": [ZEROS, ZEROS]}, "an array of 6,442,450,944 numbers, expected at most"),
         ({"accessors": [{**ZEROS, "count": 1000}] * 2}, "zeros that is in no buffer"),
         ({"accessors": [{**ZEROS, "count": -1}] * 2}, "an array of -3 numbers"),
-        ({"nodes": [{"mesh": 0}] * (mesh_sizes.MOST_NODES + 1)}, "100,001 nodes, expected at most 100,000"),
+        ({"nodes": [{"mesh": 0}] * (mesh_sizes.MOST_NODES + 1)}, "10,001 nodes, expected at most 10,000"),
+        (
+            {"nodes": [{"mesh": 0, "children": [k + 1]} for k in range(200)] + [{}]},
+            "nodes that lie deep below each other",
+        ),
+        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}] * 10_001}]}, "of 10,001 pieces"),
         ({"nodes": [{"mesh": 0, "children": [1]}, {"mesh": 0, "children": [0]}]}, "nodes in a circle"),
         ({"nodes": [{"children": [2]}, {"children": [2]}, {"mesh": 0}]}, "a node in two places"),
         ({"buffers": [{"uri": "../secret.bin", "byteLength": 48}]}, "a file outside its folder"),
@@ -277,6 +285,22 @@ def test_a_glb_file_with_more_json_than_file(tmp_path: Path) -> None:
     (tmp_path / "m.glb").write_bytes(struct.pack("<4sIIII", b"glTF", 2, 2**32 - 1, 2**32 - 1, 0x4E4F534A))
     with pytest.raises(ProblemError, match="bytes of JSON announced"):
         read_mesh("m", MeshFile(tmp_path / "m.glb"))
+
+
+def test_many_groups_and_solids_are_one_mesh(tmp_path: Path) -> None:
+    """Each would take as long as all before it."""
+    count = 20_000
+    facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    (tmp_path / "m.stl").write_text(f" SOLID x\n{facet}endsolid x\n" * count)
+    corners = "mtllib ../m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n"
+    groups = "".join(f"o a{k}\ng b{k}\nusemtl c{k}\nf 1/1/1 2//1 \\\n3\n" for k in range(count))
+    (tmp_path / "m.obj").write_text(corners + groups)
+    for name in ("m.stl", "m.obj"):
+        begin = time.monotonic()
+        vertices, faces, _ = read_mesh("m", MeshFile(tmp_path / name, "m", shell=True))
+        assert time.monotonic() - begin < 10.0
+        assert (len(vertices), len(faces)) == (3, count)
+        assert {tuple(v) for v in vertices} == {(0, 0, 0), (1, 0, 0), (0, 1, 0)}
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
@@ -382,10 +406,29 @@ def test_archives_that_promise_more_than_they_hold(result: Path, monkeypatch) ->
         read_results(result)
 
 
+def test_archives_of_profiles_too(tmp_path: Path, monkeypatch) -> None:
+    np.savez_compressed(
+        tmp_path / "p.npz", **{"profiles/position": np.zeros((2000, 3)), "profiles/rotation": np.zeros(9)}
+    )
+    monkeypatch.setattr(stored_arrays, "MOST_BYTES", 10_000)
+    with pytest.raises(ProblemError, match="bytes of arrays, of which at most 10,000 are read"):
+        ho.load_profiles(tmp_path / "p.npz")
+
+
 def test_pickles_are_not_opened(result: Path) -> None:
     spoil(result, "motion.npz", motion=np.array([print], dtype=object))
     with pytest.raises(ProblemError, match="damaged"):
         read_results(result)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+@pytest.mark.parametrize("name", ["motion.npz", "summary.json", "flap.toml"])
+def test_results_with_pipes_for_files(here: Path, result: Path, name: str) -> None:
+    """Opening one would wait for ever."""
+    file = here / name if name == "flap.toml" else result / name
+    file.unlink()
+    os.mkfifo(file)
+    assert main(["export", str(result), "--to", "csv"]) == 2
 
 
 @pytest.mark.parametrize("content", [b"\xff", b"[]", b'{"command": "simulate"}', b'{"a":' * 10_000])
@@ -394,6 +437,14 @@ def test_summaries_that_are_none(result: Path, content: bytes) -> None:
     with pytest.raises(ProblemError, match="found"):
         read_results(result)
     with pytest.raises(HarnessError, match="found"):
+        read_motion(result)
+
+
+def test_a_summary_with_a_number_of_a_thousand_digits(result: Path) -> None:
+    summary = result / "summary.json"
+    text = re.sub(r'"margin": [^,]*', '"margin": ' + "9" * 1000, summary.read_text())
+    summary.write_text(text)
+    with pytest.raises(HarnessError, match="found a damaged result"):
         read_motion(result)
 
 
@@ -406,5 +457,34 @@ def test_no_shape_that_is_not_finite_is_written(result: Path) -> None:
     assert not (result / "other.npz").exists()
 
 
+def test_what_a_file_holds_does_not_steer_the_terminal(here: Path, capsys) -> None:
+    title = 'title = "clear \\u001b[2J bell \\u0007 c1 \\u009b31m turned \\u202e"'
+    assert main(["check", put(FLAP.replace('title = "A flap"', title))]) == 0
+    out = capsys.readouterr().out
+    assert "clear ?[2J bell ? c1 ?31m turned ?" in out
+    assert main(["check", put(FLAP.replace("[parts.ball]", '[parts."a\\u009bb"]'))]) == 2
+    assert "\x9b" not in capsys.readouterr().err
+
+
+def test_long_names(folder: Path) -> None:
+    (line,) = mistakes(written(folder, changed(("[parts.housing]", f"[parts.{'x' * 200}]"))))
+    assert line == f"parts.{'x' * 100}: found a longer name, expected 100 letters at most"
+
+
+def test_long_tables_of_poses(folder: Path) -> None:
+    (folder / "arm.csv").write_text("t,x,y,z,qw,qx,qy,qz\n" * 100_001)
+    (line,) = mistakes(written(folder, changed((HINGE, 'kind = "poses"\nfile = "arm.csv"\n'))))
+    assert "arm.csv: found 100,001 lines, expected at most 100,000" in line
+
+
 def test_keys_in_messages_are_quoted() -> None:
     assert dotted(("parts", 'a"b\n')) == 'parts."a\\"b\\n"'
+
+
+@pytest.mark.parametrize("text", ["x." * 3000 + "y = 1", "[vary]\n" + "x." * 3000 + "y = 1", "k = {" * 500])
+@pytest.mark.parametrize("command", ["study", "sensitivity"])
+def test_study_files_are_no_deeper_than_problem_files(here: Path, capsys, command: str, text: str) -> None:
+    Path("study.toml").write_text(text)
+    assert main([command, "study.toml"]) == 2
+    assert capsys.readouterr().err.startswith("study.toml: ")
+    assert os.listdir() == ["study.toml"]

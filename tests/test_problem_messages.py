@@ -217,6 +217,11 @@ def test_absurd_numbers_are_refused_before_they_overflow(folder: Path) -> None:
     assert line == "cables.lead.diameter: found 1e+200, expected a number above 0, at most 1e+100 in size"
 
 
+def test_so_are_those_that_others_are_divided_by(folder: Path) -> None:
+    (line,) = mistakes(written(folder, MINIMAL.replace("diameter = 0.01", "diameter = 1e-320")))
+    assert line == "cables.lead.diameter: found 1e-320, expected a number above 0, at least 1e-100"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -172,6 +172,27 @@ def _condition(matrix: sp.csc_array, lu: Any, first: str, second: str) -> tuple[
     return float(np.sqrt(growth) * spla.norm(matrix)), v / growth
 
 
+def null_vectors(jacobian: sp.csc_array, like: tuple[Array, Array] | None = None) -> tuple[Array, Array] | None:
+    """Return the unit vectors u (n,) and v (n,) for which u^T J and J v are smallest, of a square Jacobian J.
+
+    Args:
+        jacobian: J, (n, n).
+        like: the same of a Jacobian nearby, whose signs they take.
+
+    Returns:
+        None where no factors of J can be had.
+    """
+    lu = _lu(jacobian)
+    if lu is None:
+        return None
+    left, right = _condition(jacobian, lu, "N", "T")[1], _condition(jacobian, lu, "T", "N")[1]
+    if not (np.all(np.isfinite(left)) and np.all(np.isfinite(right))):
+        return None
+    if like is not None:
+        left, right = left * np.sign(left @ like[0]), right * np.sign(right @ like[1])
+    return left, right
+
+
 def damped_step(jacobian: sp.csc_array, residual: Array, damping: float) -> Array:
     """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2."""
     rows, columns = jacobian.shape
