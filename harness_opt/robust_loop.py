@@ -10,10 +10,10 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from . import outer_loop
 from .errors import ProblemError, SolveError, Status
 from .following import Progress
 from .outer_loop import Earlier, Redesign, Watch
-from .outer_loop import redesign as redesign_nominal
 from .problem import Problem, Robust
 from .robust import Robustness, Within, within
 from .scene import Scene, load_scene
@@ -54,7 +54,7 @@ def redesign(
     """
     robust = problem.robust
     if robust is None:
-        return redesign_nominal(
+        return outer_loop.redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, throw=throw
         )
     if pareto is not None:
@@ -64,7 +64,7 @@ def redesign(
     asked: dict[str, float] = {}
     rounds: list[_Round] = []
     while len(rounds) < ROUNDS:
-        found = redesign_nominal(
+        found = outer_loop.redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=None if rounds else earlier, asked=asked,
             throw=throw,
         )  # fmt: skip
