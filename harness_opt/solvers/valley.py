@@ -21,7 +21,7 @@ from ..errors import Status
 from .interface import Array, LeastSquares, Options, Solution, largest
 from .linear import null_vectors
 
-STEPS = 40  # along the valley
+STEPS = 80  # along the valley
 CORRECTIONS = 8  # Newton steps back to its floor
 FIRST_STEP = 0.1  # of x
 GROWTH = 3.0  # most that a step may be longer than the last one
