@@ -23,7 +23,7 @@ from .problem import Problem
 from .results import LimitResult, Motion
 from .rotations import Array
 from .sweeps import followed, sweep
-from .trials import Trial, Trials
+from .trials import GUARD, Trial, Trials
 
 SEARCH_STRIDE = 2  # of the frames that the search solves
 LOOK_STRIDE = 4  # of those that a look at a far design solves
@@ -150,7 +150,8 @@ def _ask_for_more(trials: Trials, found: Verified) -> None:
         if row.margin < 0:
             radius = found.motion.problem.cables[row.cable].cable.radius
             name = limit_label(row.name, row.cable, row.part)
-            trials.asked[name] += EXTRA * -row.margin / scale_of(row.name, row.limit, radius)
+            # what is short by less than the search lets pass would otherwise stay so
+            trials.asked[name] += EXTRA * -row.margin / scale_of(row.name, row.limit, radius) + GUARD
 
 
 def verify(trials: Trials, design: Trial) -> Verified:

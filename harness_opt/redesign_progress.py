@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import Status
 from .redesign_words import UNITS
@@ -69,14 +69,22 @@ def interrupted(folder: Path, problem: Problem) -> Earlier | None:
     Raises:
         OSError: a summary that cannot be read.
     """
-    from .filter_search import Step
-    from .outer_loop import Earlier
-
     aside = folder.with_name(folder.name + ASIDE)
     places = [place / SUMMARY for place in (folder, aside) if (place / SUMMARY).is_file()]
     if not places:
         return None
     found = read_summary(max(places, key=lambda file: file.stat().st_mtime_ns).parent)
+    try:
+        return _earlier(found, problem)
+    except (KeyError, TypeError, ValueError, AttributeError):  # somebody else's, or damaged: begun anew
+        return None
+
+
+def _earlier(found: dict[str, Any] | None, problem: Problem) -> Earlier | None:
+    """Return what the summary of an interrupted redesign of ``problem`` holds; None where it is of something else."""
+    from .filter_search import Step
+    from .outer_loop import Earlier
+
     parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
     if (
         found is None
@@ -86,7 +94,7 @@ def interrupted(folder: Path, problem: Problem) -> Earlier | None:
     ):
         return None
     variables = found["redesign"]["variables"]
-    values = {name: row["after"] for name, row in variables.items() if row["after"] is not None}
+    values = {name: float(row["after"]) for name, row in variables.items() if row["after"] is not None}
     if set(values) != {variable.name for variable in problem.design.variables}:
         return None
     return Earlier(values, tuple(Step(**step) for step in found["redesign"].get("history", ())))

@@ -27,6 +27,7 @@ from harness_opt.file_values import dotted
 from harness_opt.mesh_file import read_mesh
 from harness_opt.problem import MeshFile
 from harness_opt.problem_file import read_problem, write_problem
+from harness_opt.redesign_progress import interrupted
 from harness_opt.report import read_results
 from harness_opt.scene import load_scene
 from harness_opt.stored_motion import read_motion
@@ -488,3 +489,26 @@ def test_study_files_are_no_deeper_than_problem_files(here: Path, capsys, comman
     assert main([command, "study.toml"]) == 2
     assert capsys.readouterr().err.startswith("study.toml: ")
     assert os.listdir() == ["study.toml"]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"problem": []},
+        {"redesign": None},
+        {"redesign": {"variables": {"lead.length": {"after": "long"}}}},
+        {"redesign": {"variables": {"lead.length": {}}}},
+        {"redesign": {"variables": {"lead.length": {"after": 0.3}}, "history": [{"colour": "red"}]}},
+        {"redesign": {"variables": {"lead.length": {"after": 0.3}}, "history": 3}},
+    ],
+    ids=str,
+)
+def test_a_damaged_redesign_is_begun_anew(here: Path, damage: dict[str, object]) -> None:
+    problem = read_problem(put(FLAP))
+    content = {"command": "redesign", "versions": {"harness-opt": "0"}, "reason": "interrupted"}
+    content |= {"problem": {"sha256": problem.sha256}, "redesign": {"variables": {"lead.length": {"after": 0.3}}}}
+    (here / "out").mkdir()
+    (here / "out" / "summary.json").write_text(json.dumps(content))
+    assert interrupted(here / "out", problem) is not None
+    (here / "out" / "summary.json").write_text(json.dumps(content | damage))
+    assert interrupted(here / "out", problem) is None
