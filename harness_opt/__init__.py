@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .html_report import write_report
     from .motion import simulate
     from .multistart import equilibria
-    from .outer_loop import Redesign, redesign
+    from .outer_loop import Redesign
     from .plausibility import doubts
     from .playback import display
     from .playback_error import DisplayError, display_error
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .profile import Path, Profile, disperse, load_profiles, profiles, save_profiles
     from .report import clearances, write_results
     from .results import Motion
+    from .robust_loop import redesign
     from .studies import study
     from .study_file import read_study
     from .tolerances import Tolerance
@@ -71,7 +72,8 @@ _ROOMS = {
         "Variable",
     ),
     "problem_file": ("read_problem", "write_problem"),
-    "outer_loop": ("Redesign", "redesign"),
+    "outer_loop": ("Redesign",),
+    "robust_loop": ("redesign",),
     "playback": ("display",),
     "playback_error": ("DisplayError", "display_error"),
     "plausibility": ("doubts",),

@@ -270,9 +270,9 @@ def redesign(
     quiet: bool,
     pictures: bool,
     *,
-    pareto: str | None,
     folders: tuple[Path, ...],
     seconds: float | None,
+    pareto: str | None,
 ) -> int:
     """Change the design of FILE as little as holds every limit over the whole motion.
 

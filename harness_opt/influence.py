@@ -13,11 +13,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import rotations
 from .boundary import Case, case
 from .clearance import ClearanceResult, PairClearance, measure
 from .clearance_search import Witnesses
+from .curved_distance import Passing, second_order
 from .errors import ProblemError, SolveError
 from .file_quantities import Quantity, differentiable
 from .limits import limit_label
@@ -52,6 +54,7 @@ class Linear:
         scales: what a margin of each limit is multiplied by to be in metres or as the limit is.
         motion: what was simulated.
         clearances: of its frames.
+        second: (m, k, k), second derivatives where a cable passes a part: of the distance, not of the shapes.
     """
 
     quantities: tuple[Quantity, ...]
@@ -62,6 +65,7 @@ class Linear:
     scales: Array
     motion: Motion
     clearances: ClearanceResult
+    second: Array
 
     def worst(self, name: str) -> int:
         """Return the row with the smallest margin of a limit."""
@@ -102,12 +106,14 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
         raise SolveError(found.message, found.status, found)
     clearances = measure(problem, scene, frames, found.cables)
     rates = {name: _shape_rates(problem, name, swept, frames, sides) for name, swept in sweeps.items()}
-    rows = [_pair_rows(pair, found, rates, sides, frames) for pair in clearances.pairs if pair.limit is not None]
+    looked = _Looked(found, rates, sides, scene)
+    rows = [_pair_rows(pair, looked) for pair in clearances.pairs if pair.limit is not None]
     others = linearised(problem, found, dataclasses.replace(clearances, pairs=()), rates, _Nothing(), len(keys))
     if others.name != ("no limit",):
         for name in dict.fromkeys(others.name):
             of = np.array([row == name for row in others.name])
-            rows.append(_Rows(name, _limit_of(problem, name), others.margin[of], others.rate[of]))
+            flat = np.zeros((np.count_nonzero(of), len(keys), len(keys)))
+            rows.append(_Rows(name, _limit_of(problem, name), others.margin[of], others.rate[of], flat))
     if not rows:
         raise ProblemError("limits: found none, expected at least one for a quantity to move")
     return Linear(
@@ -119,6 +125,7 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
         np.array([row.scale for row in rows]),
         found,
         clearances,
+        np.concatenate([row.second for row in rows]),
     )
 
 
@@ -131,12 +138,23 @@ class _Nothing(dict[str, float]):
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of one limit: margins (w,) in shares of ``scale``, and rates (w, k)."""
+    """Rows of one limit: margins (w,) in shares of ``scale``, rates (w, k), and second derivatives (w, k, k)."""
 
     name: str
     scale: float
     margin: Array
     rate: Array
+    second: Array
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """What was simulated: a motion, the rates of its shapes by cable, the keys on both sides, and the parts."""
+
+    motion: Motion
+    rates: Mapping[str, ShapeRates]
+    sides: Sequence[_Sides]
+    scene: Scene
 
 
 def _limit_of(problem: Problem, name: str) -> float:
@@ -189,9 +207,11 @@ def _shape_rates(problem: Problem, name: str, swept: Sweep, frames: Array, sides
     def stacked(field: str) -> Array:
         return np.stack([getattr(column, field) for column in columns], axis=-1) if columns else np.zeros(shape)
 
-    # of no use here
-    unknowns, length = np.zeros((len(frames), 0, len(sides))), np.zeros(len(sides))
-    return ShapeRates(stacked("position"), stacked("curvature"), stacked("force"), stacked("moment"), unknowns, length)
+    unknowns = np.zeros((len(frames), 0, len(sides)))  # of no use here
+    return ShapeRates(
+        stacked("position"), stacked("curvature"), stacked("force"), stacked("moment"), unknowns,
+        np.array([_cable_rate(side, name, "length") for side in sides]),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -248,33 +268,39 @@ def _bound(problem: Problem, name: str, swept: Sweep, frames: Array) -> tuple[li
 # --- clearances ----------------------------------------------------------------------------------------
 
 
-def _pair_rows(
-    pair: PairClearance, motion: Motion, rates: Mapping[str, ShapeRates], sides: Sequence[_Sides], frames: Array
-) -> _Rows:
+def _pair_rows(pair: PairClearance, looked: _Looked) -> _Rows:
     """Linearise a pair's clearance at its witnesses, and at the nearest point of every frame."""
-    problem = motion.problem
+    motion, sides, rates = looked.motion, looked.sides, looked.rates[pair.cable].position
+    problem, shapes = motion.problem, motion.cables[pair.cable]
     limit, radius = pair.limit or 0.0, problem.cables[pair.cable].cable.radius
     unit = limit + radius
-    missing = np.setdiff1d(pair.nearest.frame, pair.witnesses.frame)
-    margins, slopes = [], []
-    for found in (pair.witnesses, pair.nearest.take(missing)):
-        s = motion.cables[pair.cable].s
-        moved = at_stations(rates[pair.cable].position, s, found.frame, found.arc_length)
-        grown = np.array([_cable_rate(side, pair.cable, "radius") for side in sides])
-        if pair.obstacle.startswith("cable:"):
-            other = pair.obstacle.removeprefix("cable:")
-            along = motion.cables[other].s
-            moved = moved - at_stations(rates[other].position, along, found.frame, found.other_arc_length)
-            grown = grown + np.array([_cable_rate(side, other, "radius") for side in sides])
-        else:
-            at = frames[found.frame]
-            point = [_carried(problem, side, pair.obstacle, at, found.point) for side in sides]
-            moved = moved - np.stack(point, axis=-1) if point else moved
-        slid = np.stack([_slid(pair, found, motion, side) for side in sides], axis=-1) if sides else 0.0
-        slopes.append((np.einsum("wc,wck->wk", found.normal, moved) - grown + slid) / unit)
-        margins.append((found.clearance - limit) / unit)
+    found = Witnesses.joined(
+        [pair.witnesses, pair.nearest.take(np.setdiff1d(pair.nearest.frame, pair.witnesses.frame))]
+    )
+    moved = at_stations(rates, shapes.s, found.frame, found.arc_length)
+    grown = np.array([_cable_rate(side, pair.cable, "radius") for side in sides])
+    second = np.zeros((len(found.frame), len(sides), len(sides)))
+    if pair.obstacle.startswith("cable:"):
+        other = pair.obstacle.removeprefix("cable:")
+        along = motion.cables[other].s
+        moved = moved - at_stations(looked.rates[other].position, along, found.frame, found.other_arc_length)
+        grown = grown + np.array([_cable_rate(side, other, "radius") for side in sides])
+    elif sides:
+        at = motion.motion[found.frame]
+        moved = moved - np.stack([_carried(problem, side, pair.obstacle, at, found.point) for side in sides], axis=-1)
+        geometry = looked.scene.parts[pair.obstacle]
+        passing = Passing(found, moved, rates, np.logical_or(*_at_ends(pair, found.arc_length, float(shapes.s[-1]))))
+        second = second_order(passing, shapes, geometry, problem.poses(geometry.body, at))
+    slid = np.stack([_slid(pair, found, motion, side) for side in sides], axis=-1) if sides else 0.0
+    slope = (np.einsum("wc,wck->wk", found.normal, moved) - grown + slid) / unit
     name = limit_label("clearance", pair.cable, pair.obstacle)
-    return _Rows(name, unit, np.concatenate(margins), np.concatenate(slopes))
+    return _Rows(name, unit, (found.clearance - limit) / unit, slope, second / unit)
+
+
+def _at_ends(pair: PairClearance, arc: Array, whole: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which places (W,) stand where a cable begins to count, and which where it ends to."""
+    start, end = pair.excluded
+    return (start > 0) & (arc <= start + AT * whole), (end > 0) & (arc >= whole - end - AT * whole)
 
 
 def _cable_rate(side: _Sides, cable: str, field: str) -> float:
@@ -300,9 +326,7 @@ def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -
     if pair.obstacle.startswith("cable:"):
         return np.zeros(len(arc))
     along = np.einsum("wc,wc->w", found.normal, at_stations(tangents, shapes.s, found.frame, arc)[..., 0])
-    start, end = pair.excluded
-    first = (start > 0) & (arc <= start + AT * whole)
-    last = (end > 0) & (arc >= whole - end - AT * whole)
+    first, last = _at_ends(pair, arc, whole)
     shift = np.where(first, 2.0 * grown, np.where(last, length - 2.0 * grown, arc / whole * length))
     return along * np.where(first | last, shift - arc / whole * length, 0.0)
 

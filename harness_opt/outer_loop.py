@@ -26,6 +26,7 @@ from .prices import Price, prices
 from .problem import Problem
 from .relaxations import Relaxation, relaxations
 from .results import LimitResult, Motion
+from .robust import Robustness
 from .rotations import Array
 from .scene import load_scene
 from .threads import one_thread
@@ -70,6 +71,7 @@ class Redesign:
         message: for the user; empty where all is well.
         timing: seconds by phase.
         trade_off: of the two quantities that were asked for; None where none were.
+        robust: how it fares within the tolerances of the problem; None where that states none.
     """
 
     problem: Problem
@@ -91,6 +93,7 @@ class Redesign:
     message: str = ""
     timing: Mapping[str, float] = field(default_factory=dict)
     trade_off: TradeOff | None = None
+    robust: Robustness | None = None
 
     @property
     def ok(self) -> bool:
@@ -162,6 +165,7 @@ def redesign(
     watch: Watch | None = None,
     earlier: Earlier | None = None,
     pareto: tuple[str, str] | None = None,
+    asked: Mapping[str, float] | None = None,
     throw: bool = True,
 ) -> Redesign:
     """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
@@ -173,6 +177,7 @@ def redesign(
         watch: called with every iteration.
         pareto: two quantities whose trade-off curve is wanted too, as in :func:`harness_opt.trade_off.quantities`.
         earlier: a redesign of the same problem that was interrupted, to go on from.
+        asked: margins to hold, by limit, as a share of it: what tolerances take from it; none where left out.
         throw: raise where no shape can be found, or return the failed result.
 
     Raises:
@@ -186,6 +191,8 @@ def redesign(
     scene = load_scene(problem)
     loaded = time.perf_counter()
     trials, goal = Trials(problem, scene, solver, progress), goal_of(problem)
+    for name, margin in (asked or {}).items():
+        trials.asked[name] += margin
     moved = design_variables.moved(problem)
     first = trials(_begin(problem, goal, earlier), None)
     if moved or earlier or first is None:

@@ -10,7 +10,7 @@ import numpy as np
 from .file_quantities import Quantity
 from .influence import Linear
 from .limits import limit_label
-from .report import FILE_WORDS
+from .redesign_summary import FILE_WORDS
 from .tolerances import Tolerance
 
 MM = 1e-3  # of a metre

@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import outer_loop
+from . import robust_loop
 from .redesign_progress import Follower, interrupted
 from .trade_off import quantities
+from .yields import with_yields
 
 if TYPE_CHECKING:
+    from .outer_loop import Redesign
     from .problem import Problem
     from .progress import Shown
 
 
-def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | None = None) -> outer_loop.Redesign:
+def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | None = None) -> Redesign:
     """Return the redesign of ``problem``; failures are in its status.
 
     Args:
@@ -31,6 +33,9 @@ def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | No
     done = 0 if earlier is None else len(earlier.history)
     if earlier is not None:
         progress.line(f"Going on from the redesign interrupted in {folder}, after {done} iterations.")
-    return outer_loop.redesign(
+    result = robust_loop.redesign(
         problem, progress=progress, watch=Follower(progress.line, done), earlier=earlier, pareto=pair, throw=False
     )
+    if result.robust is not None and result.status.ok:
+        result = with_yields(result, progress=progress)
+    return result

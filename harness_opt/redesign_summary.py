@@ -57,6 +57,7 @@ def redesign_summary(result: Motion | Redesign, limit_words: LimitWords) -> Json
         "in_the_way": [_relaxation(found) for found in result.relaxations],
         "costs": [_price(found) for found in result.prices],
         "history": [dataclasses.asdict(step) for step in result.history],
+        **({} if result.robust is None else {"robust": dataclasses.asdict(result.robust)}),
         **({} if result.trade_off is None else {"pareto": trade_off_summary(result.trade_off)}),
     }
 

@@ -30,6 +30,7 @@ def redesign_words(summary: Mapping[str, Any]) -> Iterator[str]:
     yield from _ways_out(found.get("in_the_way", []))
     for cost in found.get("costs", []):
         yield from _cost(cost)
+    yield from _robust(found.get("robust"))
     curve = found.get("pareto")
     if curve is not None:
         held = sum(point["verified"] for point in curve["points"])
@@ -91,3 +92,24 @@ def _bought(entry: Mapping[str, Any]) -> Iterator[str]:
     ]
     if told:
         yield f"Of {_what(entry)}, {', '.join(told)}."
+
+
+def _robust(found: Mapping[str, Any] | None) -> Iterator[str]:
+    """Say how a design fares within tolerances."""
+    if found is None or found["after"] is None:
+        return
+    held = "hold" if found["holds"] else "do not hold"
+    where = "at every corner" if found["hold"] == "corners" else f"for {_share(found['asked'])} of what is built"
+    yield f"Within the tolerances all limits {held} {where}, by linearised margins."
+    shares = [None if found[when] is None else found[when]["share"] for when in ("before", "after")]
+    yield f"Yield by linearised margins: {' -> '.join('?' if share is None else _share(share) for share in shares)}."
+    for when in ("yield_before", "yield_after"):
+        if found[when] is not None:
+            entry, words = found[when], when.replace("_", " ").capitalize()
+            share = f"{_share(entry['share'])} +- {100.0 * entry['error']:.1f} %"
+            linear = _share(entry["linear"])
+            yield f"{words}, {entry['samples']} samples simulated: {share}; by linearised margins: {linear}."
+
+
+def _share(share: float) -> str:
+    return f"{100.0 * share:.1f} %"

@@ -8,6 +8,7 @@ allowance; a redesign that asks for it, linearised anew at its end, is iterated 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -20,7 +21,8 @@ from .rotations import Array
 from .scene import Scene
 
 SAMPLES = 8192  # of the linearised margins: half a per cent of yield, in a tenth of a second
-AT_ONCE = 512  # samples times rows that are held in memory
+AT_ONCE = 512  # samples of which the margins are held in memory
+MOST_CORNERED = 12  # quantities: 4,096 corners
 BISECTIONS = 20  # of the level of quantiles: to one sample
 
 
@@ -32,12 +34,14 @@ class Within:
         share: of what is built that holds all limits.
         corner: smallest margin at any corner of the tolerances, a share of its limit; below 0 is violated.
         by_limit: the share that holds each limit, by name.
-        allowances: by limit, what its nominal margin has to be at least, as a share of the limit.
+        nominal: by limit, the smallest margin of the nominal design, as a share of the limit.
+        allowances: by limit, what that margin has to be at least.
     """
 
     share: float
     corner: float
     by_limit: Mapping[str, float]
+    nominal: Mapping[str, float]
     allowances: Mapping[str, float]
 
     def holds(self, robust: Robust, slack: float) -> bool:
@@ -109,8 +113,8 @@ def judged(found: Linear, robust: Robust) -> Within:
     points = np.random.default_rng(robust.seed).random((SAMPLES, len(spreads)))
     offsets = np.stack([spread.offsets(points[:, j]) for j, spread in enumerate(spreads)], axis=-1)
     worst = smallest(found, offsets * half)
+    corners = _corners(found, half)
     nominal = _least(found, found.margin[:, None])[:, 0]
-    corners = _least(found, (found.margin - np.abs(found.rate) @ half)[:, None])[:, 0]
     drops = np.maximum(nominal[:, None] - worst, 0.0)
     allowances = nominal - corners if robust.hold == "corners" else _quantiles(drops, nominal, robust.share)
     held = worst >= 0
@@ -118,8 +122,20 @@ def judged(found: Linear, robust: Robust) -> Within:
         float(np.mean(np.all(held, axis=0))),
         float(np.min(corners)),
         dict(zip(found.names, np.mean(held, axis=1).tolist(), strict=True)),
+        dict(zip(found.names, nominal.tolist(), strict=True)),
         dict(zip(found.names, allowances.tolist(), strict=True)),
     )
+
+
+def _corners(found: Linear, half: Array) -> Array:
+    """Return the smallest margin (limits,) of each limit at any corner of the tolerances ``half`` (k,).
+
+    Of many quantities, where corners are too many, the worst corner of each row as if it were flat.
+    """
+    if len(half) > MOST_CORNERED:
+        return _least(found, (found.margin - np.abs(found.rate) @ half)[:, None])[:, 0]
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(half))))
+    return smallest(found, signs * half).min(axis=1)
 
 
 def _least(found: Linear, margins: Array) -> Array:
@@ -130,7 +146,15 @@ def _least(found: Linear, margins: Array) -> Array:
 def smallest(found: Linear, deviations: Array) -> Array:
     """Return the smallest margin of each limit, (limits, n), at ``deviations`` (n, k) from the nominal design."""
     parts = np.array_split(deviations, max(1, len(deviations) // AT_ONCE))
-    return np.concatenate([_least(found, found.margin[:, None] + found.rate @ part.T) for part in parts], axis=1)
+    return np.concatenate([_least(found, _margins(found, part)) for part in parts], axis=1)
+
+
+def _margins(found: Linear, deviations: Array) -> Array:
+    """Return all margins (m, n) at ``deviations`` (n, k)."""
+    curved = np.flatnonzero(np.any(found.second, axis=(1, 2)))
+    margins = found.margin[:, None] + found.rate @ deviations.T
+    margins[curved] += 0.5 * np.einsum("mkn,nk->mn", found.second[curved] @ deviations.T, deviations)
+    return margins
 
 
 def _quantiles(drops: Array, nominal: Array, share: float) -> Array:

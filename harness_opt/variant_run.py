@@ -16,10 +16,11 @@ from typing import Any
 from .errors import ProblemError
 from .limits import all_limits
 from .motion import simulate
-from .outer_loop import redesign
 from .problem import Problem
-from .report import FILE_WORDS, clearances, verdict
+from .redesign_summary import FILE_WORDS
+from .report import clearances, verdict
 from .results import LimitResult
+from .robust_loop import redesign
 from .workbench import Shared, version, workbench
 
 REFUSED = "refused"  # the values make no problem: a cable too short for its clamps, say

@@ -6,6 +6,7 @@ A worker reads the problem once and each mesh once; a part that a variant moves 
 from __future__ import annotations
 
 import copy
+import dataclasses
 import functools
 import hashlib
 import json
@@ -161,16 +162,16 @@ class Workbench:
         parts = {}
         for name, part in problem.parts.items():
             if name not in self._placed or self._placed[name][0] != part:
-                self._placed[name] = part, self._geometry(name, part)
+                self._placed[name] = part, self._geometry(problem, name, part)
             parts[name] = self._placed[name][1]
         return Scene(parts)
 
-    def _geometry(self, name: str, part: Part) -> Geometry:
+    def _geometry(self, problem: Problem, name: str, part: Part) -> Geometry:
         if not isinstance(part.shape, MeshFile):
-            return _loaded(name, part)
+            return _loaded(problem, name, part)
         known = name, part.shape
         if known not in self._at_rest:
-            self._at_rest[known] = _loaded(name, Part(part.shape))
+            self._at_rest[known] = _loaded(problem, name, Part(part.shape))
         mesh = self._at_rest[known]
         still = not any(part.position) and tuple(part.quaternion) == rotations.IDENTITY and part.body == mesh.body
         if still or not isinstance(mesh, Mesh):
@@ -179,8 +180,8 @@ class Workbench:
         return Mesh.of(name, part.body, vertices, mesh.faces, mesh.closed)
 
 
-def _loaded(name: str, part: Part) -> Geometry:
-    return load_scene(Problem({}, parts={name: part})).parts[name]
+def _loaded(problem: Problem, name: str, part: Part) -> Geometry:
+    return load_scene(dataclasses.replace(problem, parts={name: part})).parts[name]
 
 
 @functools.lru_cache(maxsize=1)

@@ -280,23 +280,33 @@ def test_processes_give_the_same_rows_as_this_one(problem):
     assert not mine
 
 
-def test_a_variant_costs_little_more_than_its_simulation(problem):
-    """Less than 10 ms: measured as the processor time of everything around ``simulate`` and ``clearances``."""
-    planned = plan(problem, Variations("monte carlo", {"cables.lead.length": Tolerance(0.01)}, 6))
-    (first,) = study(problem, [{}], executor=Here())
-    assert first.ok
-    spent, plain = [], []
+def test_a_variant_costs_little_more_than_its_simulation(problem, monkeypatch):
+    """Less than 10 ms: the processor time of a variant less that spent within ``simulate`` and ``clearances``."""
+    from harness_opt import variant_run
+
+    inside = []
+
+    def timed(function):
+        def call(*arguments: object, **options: object) -> object:
+            begin = time.process_time()
+            try:
+                return function(*arguments, **options)
+            finally:
+                inside.append(time.process_time() - begin)
+
+        return call
+
+    monkeypatch.setattr(variant_run, "simulate", timed(variant_run.simulate))
+    monkeypatch.setattr(variant_run, "clearances", timed(variant_run.clearances))
+    planned = plan(problem, Variations("monte carlo", {"cables.lead.length": Tolerance(0.01)}, 5))
+    spent = []
     for number, values in enumerate(planned.variants):
+        inside.clear()
         begin = time.process_time()
-        run_variant(planned.shared, number, values)
-        middle = time.process_time()
-        one = planned.quantities.problem(values)
-        scene = load_scene(one)
-        again = time.process_time()
-        ho.clearances(ho.simulate(one), scene)
-        plain.append(time.process_time() - again)
-        spent.append(middle - begin)
-    assert min(spent) - min(plain) < 0.010
+        assert run_variant(planned.shared, number, values).ok
+        spent.append(time.process_time() - begin - sum(inside))
+        assert len(inside) == 2
+    assert min(spent[1:]) < 0.010  # the least disturbed; the first reads the problem
 
 
 # --- the command ----------------------------------------------------------------------------------------
@@ -329,7 +339,7 @@ def test_killed_at_random_moments_and_started_again(here, alone):
         end = time.monotonic() + moments.uniform(0.2, 6.0)
         while time.monotonic() < end and process.poll() is None:
             time.sleep(0.01)
-        os.kill(process.pid, signal.SIGKILL)
+        process.kill()  # nothing where it has ended by itself
         process.communicate()
         assert gone(process.pid, 20.0), "no worker outlives its study"
         assert not (here / "results/study/summary.json").exists() or store.exists()

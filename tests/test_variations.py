@@ -17,6 +17,7 @@ from harness_opt import design_variables, rotations
 from harness_opt.errors import ProblemError
 from harness_opt.problem import Design, Variable
 from harness_opt.scene import load_scene
+from harness_opt.studies import plan
 from harness_opt.study_file import read_study
 from harness_opt.tolerances import Tolerance
 from harness_opt.variations import Variations, expand
@@ -217,8 +218,6 @@ def test_methods_and_what_goes_with_them(arguments, words):
 def test_a_workbench_moves_meshes_as_a_problem_does(tmp_path):
     given = ho.read_problem(LIFT_ARM)
     values = {"parts.bracket.position.z": 0.003, "parts.bracket.rotate_y_deg": 20.0}
-    from harness_opt.studies import plan
-
     planned = plan(given, [values, {}])
     bench = Workbench(planned.shared)
     for variant in (values, {}, values):
@@ -238,7 +237,6 @@ def test_a_worker_without_the_files_takes_those_that_were_sent(tmp_path, monkeyp
     from problem_files import CONTRACT, written
 
     from harness_opt import workbench
-    from harness_opt.studies import plan
 
     monkeypatch.setattr(workbench.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     shared = plan(written(folder, CONTRACT), [{"cables.lead.length": 0.43}]).shared
@@ -278,6 +276,22 @@ def test_a_study_file(here):
         8,
         3,
     )
+
+
+def test_a_list_in_a_study_file(here):
+    study = STUDY[: STUDY.index("method")] + 'method = "list"\n'
+    study += '[[variants]]\n"cables.lead.length" = 0.31\n[[variants]]\n"limits.clearance" = 0.001\n'
+    found = read_study(placed(here, study)).variations
+    assert expand(quantities(), found) == [{"cables.lead.length": 0.31}, {"limits.clearance": 0.001}]
+    assert found.keys == ["cables.lead.length", "limits.clearance"]
+
+
+def test_the_shipped_study():
+    study = read_study(LIFT_ARM.parent / "tolerances.toml")
+    planned = plan(study.problem, study.variations, study.command)
+    assert len(set(planned.keys)) == 500
+    lengths = [values["cables.lead.length"] for values in planned.variants]
+    assert 0.2425 <= min(lengths) < 0.2426 and 0.2524 < max(lengths) <= 0.2525
 
 
 def test_spreads_of_a_study_file(here):
