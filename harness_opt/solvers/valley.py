@@ -14,12 +14,11 @@ sections 3.2 and 3.3.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from ..errors import Status
 from .interface import Array, LeastSquares, Options, Solution, largest
-from .linear import null_vectors
+from .linear import LIGHT, bordered_matrix, null_vectors
 
 STEPS = 80  # along the valley
 CORRECTIONS = 8  # Newton steps back to its floor
@@ -74,12 +73,11 @@ def _floor(
     there, slope = x + step * right, 0.0
     for iteration in range(CORRECTIONS + 1):
         residual, jacobian = problem.linearise(there)
-        missed = np.append(residual + slope * left, right @ (there - x) - step)
+        missed = np.append(residual + slope * left, LIGHT * (right @ (there - x) - step))
         if largest(missed) <= tolerance:
             return (there, slope), iteration
         if iteration == CORRECTIONS or not np.all(np.isfinite(jacobian.data)):
             break
-        bordered = sp.block_array([[jacobian, left[:, None]], [right[None, :], None]], format="csc")
-        change = spla.splu(bordered, permc_spec="NATURAL").solve(-missed)
+        change = spla.splu(bordered_matrix(jacobian, left, right), permc_spec="NATURAL").solve(-missed)
         there, slope = there + change[:-1], slope + float(change[-1])
     return None, CORRECTIONS
