@@ -1,8 +1,9 @@
 """Within elements that the power series from their nodes do not span: the long, nearly straight ones of a taut cable.
 
 Solutions near a straight, taut one grow with exp(sqrt(F / B) s) from either node, so what rounding leaves there of the
-growing one swamps the series. Both nodes together fix the shape between them well: sections turn evenly, but for a
-cubic correction that gives them their curvature at the nodes.
+growing one swamps the series, and the derivatives of all curvatures too. Both nodes together fix the shape between
+them well: curvatures go evenly from one to the other, and sections turn evenly, but for a cubic correction that gives
+them their curvature at the nodes.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from . import rotations
 from .rotations import Array
 
+PARTS = 4  # of an element, whose defects do not make up for each other
+
 
 @dataclass(frozen=True)
 class LongElements:
@@ -24,14 +27,13 @@ class LongElements:
         step: their lengths, (n,).
         r: positions of their nodes, (2, ..., n, 3).
         q: quaternions there, (2, ..., n, 4).
-        omega, omega_rate: Darboux vectors there, section frame, and their derivatives by arc length, (2, ..., n, 3).
+        omega: Darboux vectors there, section frame, (2, ..., n, 3).
     """
 
     step: Array
     r: Array
     q: Array
     omega: Array
-    omega_rate: Array
 
     @property
     def _turn(self) -> Array:
@@ -46,7 +48,7 @@ class LongElements:
             part: how far along it, 0 to 1, (N,).
         """
         t, h = part[:, None], self.step[element, None]
-        r, q, omega, rate = (of[..., element, :] for of in (self.r, self.q, self.omega, self.omega_rate))
+        r, q, omega = (of[..., element, :] for of in (self.r, self.q, self.omega))
         turn = self._turn[..., element, :]
         bent = _cubic(t, np.zeros_like(turn), np.zeros_like(turn), h * omega[0] - turn, h * omega[1] - turn)
         even = rotations.multiply(q[0], rotations.from_rotation_vector(t * turn))
@@ -54,23 +56,32 @@ class LongElements:
         return (
             _cubic(t, r[0], r[1], h * tangent[0], h * tangent[1]),
             rotations.multiply(even, rotations.from_rotation_vector(bent)),
-            _cubic(t, omega[0], omega[1], h * rate[0], h * rate[1]),
+            omega[0] + t * (omega[1] - omega[0]),
         )
 
     def defects(self) -> tuple[Array, Array]:
         """Return by how much quaternions (..., n, 4) and positions (..., n, 3) of a sampled element miss the rod's.
 
-        Simpson's rule along the element: the turning that its curvature gives less the one between its nodes, and the
-            same of the displacement that its tangents give.
+        Simpson's rule along parts of the element: the turning that its curvature gives less the one of its frames, and
+            the same of the displacement that its tangents give; the largest of the turnings, times the parts.
         """
         count = len(self.step)
-        _, q, omega = self.sample(np.arange(count), np.full(count, 0.5))
-        h = self.step[:, None]
-        missed = self._turn - h / 6.0 * (self.omega[0] + 4.0 * omega + self.omega[1])
-        tangent = rotations.tangent(self.q)
-        moved = h / 6.0 * (tangent[0] + 4.0 * rotations.tangent(q) + tangent[1])
+        places = np.linspace(0.0, 1.0, 2 * PARTS + 1)
+        r, q, omega = self.sample(np.repeat(np.arange(count), len(places)), np.tile(places, count))
+        split = (*q.shape[:-2], count, len(places))
+        r, q, omega = r.reshape(*split, 3), q.reshape(*split, 4), omega.reshape(*split, 3)
+        share = self.step[:, None, None] / (6.0 * PARTS)
+
+        def integral(rate: Array) -> Array:
+            return np.asarray(share * (rate[..., :-1:2, :] + 4.0 * rate[..., 1::2, :] + rate[..., 2::2, :]))
+
+        turn = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[..., :-1:2, :]), q[..., 2::2, :]))
+        missed = turn - integral(omega)
+        worst = np.argmax(np.linalg.norm(missed, axis=-1), axis=-1)[..., None, None]
+        missed = PARTS * np.take_along_axis(missed, worst, axis=-2)[..., 0, :]
+        moved = np.diff(r[..., ::2, :], axis=-2) - integral(rotations.tangent(q))
         jump = np.concatenate([np.zeros_like(missed[..., :1]), 0.5 * missed], axis=-1)
-        return rotations.multiply(q, jump), self.r[1] - self.r[0] - moved
+        return rotations.multiply(q[..., PARTS, :], jump), moved.sum(axis=-2)
 
 
 def _cubic(t: Array, first: Array, last: Array, first_slope: Array, last_slope: Array) -> Array:

@@ -78,7 +78,7 @@ class Rod:
             return np.moveaxis(values[..., ends, :], -3, 0)
 
         step = self.mesh[ends[1]] - self.mesh[ends[0]]
-        return LongElements(step, at(self.r), at(self.q), at(series.omega[0]), at(series.omega[1]))
+        return LongElements(step, at(self.r), at(self.q), at(series.omega[0]))
 
     def sample(self, s: Array, series: rod.Series | None = None) -> Samples:
         """Return all quantities at arc lengths ``s`` (N,) from 0 to 1."""

@@ -43,6 +43,8 @@ NEUTRAL = 1e-5
 RANK = 1e-9  # singular values below this fraction of the largest count as zero
 PHASE = 2.0  # rad, most that a mode is let to vary by over one element
 MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
+ENOUGH = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
+TURNING = 0.5  # rad an element then
 MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
 ROUNDING = 1e-9  # relative asymmetry of an operator that is symmetric
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
@@ -131,22 +133,31 @@ def _integrated(field: Array, left: Array, right: Array) -> Array:
     return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
 
 
-def _resolved(rod: Rod) -> tuple[Rod, Array]:
-    """Return ``rod`` on a mesh that resolves how phi may vary, and which of its nodes (n + 1,) are those of ``rod``.
+def _resolved(rod: Rod) -> Rod:
+    """Return ``rod`` on a mesh that resolves how phi may vary, and hardly more than that.
 
     The modes vary as :func:`harness_opt.rod.wave_numbers` says, whatever the shape itself needs.
     """
     lead = tuple(range(rod.q.ndim - 2))
     wave = rod_module.wave_numbers(rod.force, rod.moment, rod.section.stiffness).max(axis=lead)
     steps = np.diff(rod.mesh)
-    pieces = np.ceil(steps * np.maximum(wave[1:], wave[:-1]) / PHASE)
-    pieces = np.clip(pieces, 1, max(1, min(MOST_PIECES, MOST_ELEMENTS // len(steps)))).astype(int)
-    old = np.concatenate([[0], np.cumsum(pieces)])
-    if old[-1] == len(steps):
-        return rod, old
-    mesh = np.interp(np.arange(old[-1] + 1), old, rod.mesh)
+    phase = steps * np.maximum(wave[1:], wave[:-1])
+    pieces = np.clip(np.ceil(phase / PHASE), 1, max(1, min(MOST_PIECES, MOST_ELEMENTS // len(steps)))).astype(int)
+    if np.any(pieces > 1):
+        old = np.concatenate([[0], np.cumsum(pieces)])
+        mesh = np.interp(np.arange(old[-1] + 1), old, rod.mesh)
+    elif len(steps) > ENOUGH:
+        ends = 2.0 * np.arccos(np.clip(np.abs(np.sum(rod.q[..., 1:, :] * rod.q[..., :-1, :], axis=-1)), 0.0, 1.0))
+        needed = np.concatenate([[0.0], np.cumsum(np.maximum(phase / PHASE, ends.max(axis=lead) / TURNING))])
+        count = max(ENOUGH, int(np.ceil(needed[-1])))
+        if count >= len(steps):
+            return rod
+        needed += needed[-1] * rod.mesh  # no element longer than two of a uniform mesh
+        mesh = np.interp(np.linspace(0.0, needed[-1], count + 1), needed, rod.mesh)
+    else:
+        return rod
     samples = rod.sample(mesh)
-    return Rod(rod.section, rod.load, mesh, samples.q, samples.r, samples.force, samples.moment), old
+    return Rod(rod.section, rod.load, mesh, samples.q, samples.r, samples.force, samples.moment)
 
 
 def _parts(rod: Rod) -> Iterator[Rod]:
@@ -197,7 +208,7 @@ def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
 def stability(rod: Rod, kind: Kind) -> Stability:
     """Return the stability of ``rod`` between ends of ``kind``."""
     margins, indices = [], []
-    for part in _parts(_resolved(rod)[0]):
+    for part in _parts(_resolved(rod)):
         matrix, _, scale = _reduced(part, kind)
         symmetric = _conservative(matrix)
         values = np.linalg.eigvalsh(matrix) if symmetric else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
@@ -215,7 +226,7 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
     where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
     symmetric part, and what it says of that is true of the real parts of all eigenvalues.
     """
-    return all(_surely_stable(part, kind) for part in _parts(_resolved(rod)[0]))
+    return all(_surely_stable(part, kind) for part in _parts(_resolved(rod)))
 
 
 def _surely_stable(rod: Rod, kind: Kind) -> bool:
@@ -241,7 +252,7 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
 
     It is in the section frame, and its longest vector has length 1.
     """
-    resolved, nodes = _resolved(rod)
+    resolved = _resolved(rod)
     matrix, basis, _ = _reduced(resolved, kind)
     if _conservative(matrix):
         vector = np.linalg.eigh(matrix)[1][:, 0]
@@ -251,5 +262,5 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     field = np.zeros(3 * (DEGREE * (len(resolved.mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
     field[first : first + len(basis)] = basis @ vector
-    at_nodes = field.reshape(-1, 3)[::DEGREE][nodes]
+    at_nodes = np.stack([np.interp(rod.mesh, resolved.mesh, one) for one in field.reshape(-1, 3)[::DEGREE].T], axis=1)
     return at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))

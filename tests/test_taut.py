@@ -60,7 +60,7 @@ def long_helix(count):
     def ends(values):
         return np.stack([values[:-1], values[1:]])
 
-    return LongElements(np.diff(s), ends(r), ends(q), ends(omega), np.zeros((2, count, 3)))
+    return LongElements(np.diff(s), ends(r), ends(q), ends(omega))
 
 
 def test_long_elements_turn_evenly():
