@@ -22,7 +22,7 @@ extreme = importlib.util.module_from_spec(SPECIFICATION)
 sys.modules["stiff_and_extreme"] = extreme  # dataclasses look their module up
 SPECIFICATION.loader.exec_module(extreme)
 
-COUNT, JOBS = 200, 2  # random cases, processes
+COUNT, JOBS = 60, 2  # random cases, processes
 LIMIT = 90.0  # s, of one case; what takes longer is no refusal, but no shape either
 REFUSED = 0.12  # most that may end without a shape
 BASE = extreme.BASE.posed()
