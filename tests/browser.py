@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -83,3 +84,30 @@ def opened(file: Path, **options: Any) -> Iterator[Page]:
             yield view
         finally:
             browser.close()
+
+
+def looked_through(file: Path, motion: np.ndarray, *, parts: bool) -> None:
+    """Use the controls of the report ``file`` as a reader does, and hold what is to be seen against ``motion`` (P,)."""
+    with opened(file) as view:
+        assert view.pixels()["colours"] > 100, "the canvas is not blank"
+        view.choose("input[name=ghosts]")
+        view.choose("input[name=witness]")
+        if parts:
+            before = view.page.evaluate("document.querySelector('#canvas').toDataURL()")
+            view.choose("input[name=parts][value=none]")
+            assert view.page.evaluate("document.querySelector('#canvas').toDataURL()") != before
+        centres = []
+        for moment in motion[[0, len(motion) // 4, -1]]:
+            view.slide(moment)
+            shown = view.pixels()
+            assert shown["vivid"] > 300, "the cable is to be seen"
+            told = float(view.page.inner_text("#moment").partition(" ")[0])
+            assert told == pytest.approx(100 * moment, abs=3), "the nearest frame, percent"
+            centres.append((shown["x"], shown["y"]))
+        assert np.ptp(centres, axis=0).max() > 5, "the slider moves the cable, pixels"
+        for mode in ("clearance", "bend", "twist"):
+            if view.page.locator(f"input[name=mode][value={mode}]").count():
+                view.choose(f"input[name=mode][value={mode}]")
+                assert view.page.is_visible("#ramp")
+        assert view.said == []
+        assert view.asked == [file.as_uri()]

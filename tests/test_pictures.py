@@ -41,7 +41,8 @@ from harness_opt.problem_file import write_problem
 from harness_opt.report import write_results
 from harness_opt.results import Motion
 from harness_opt.scene import load_scene
-from harness_opt.stored_motion import KEPT, read_motion
+from harness_opt.stored_arrays import KEPT
+from harness_opt.stored_motion import read_motion
 from harness_opt.window import Window
 
 UP, ALONG = (tuple(rotations.from_tangent(way)) for way in ((0, 0, 1), (1, 0, 0)))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import looked_through
 
 import harness_opt as ho
 from harness_opt import rotations
@@ -66,3 +67,4 @@ def test_two_cables_over_the_wrist_of_a_robot(script, put, capsys):
     assert all(pair.closed for pair in found.pairs)
     page = ho.write_report(motion, put.parent / "report")
     assert page.stat().st_size < 10e6
+    looked_through(page, motion.motion, parts=True)
