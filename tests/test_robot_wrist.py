@@ -65,6 +65,6 @@ def test_two_cables_over_the_wrist_of_a_robot(script, put, capsys):
         "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "tool", "cable:power", "cable:air",
     }  # fmt: skip
     assert all(pair.closed for pair in found.pairs)
-    page = ho.write_report(motion, put.parent / "report")
+    page = ho.write_report(motion, put.parent / "report.html")
     assert page.stat().st_size < 10e6
     looked_through(page, motion.motion, parts=True)
