@@ -19,7 +19,9 @@ from .rod import Section
 from .rotations import Array
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
-SPAN = 20.0  # rad that fields may vary by over an element: beyond, what rounding leaves at a node swamps its series
+# decay lengths of a tension, and rad of a twisting moment's waves, that an element may have: beyond, what rounding leaves
+# at a node swamps its series
+SPAN, WAVES = 20.0, 60.0
 ENERGY_POINTS = 6  # Gauss points an element for energies
 
 
@@ -65,9 +67,11 @@ class Rod:
     @functools.cached_property
     def long(self) -> Array:
         """Whether an element is longer, in any of the shapes, than a power series spans, (n,)."""
-        wave = rod.wave_numbers(self.force, self.moment, self.section.stiffness)
-        wave = wave.reshape(-1, wave.shape[-1]).max(axis=0)
-        return np.asarray(np.maximum(wave[1:], wave[:-1]) * np.diff(self.mesh) > SPAN)
+        none = np.zeros_like(self.force)
+        growing = rod.wave_numbers(self.force, none, self.section.stiffness) / SPAN
+        waving = rod.wave_numbers(none, self.moment, self.section.stiffness) / WAVES
+        most = np.maximum(growing, waving).reshape(-1, len(self.mesh)).max(axis=0)
+        return np.asarray(np.maximum(most[1:], most[:-1]) * np.diff(self.mesh) > 1.0)
 
     def _long_elements(self, series: rod.Series) -> LongElements:
         """Return the elements that are :attr:`long`."""
