@@ -19,8 +19,8 @@ from .rod import Section
 from .rotations import Array
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
-# decay lengths of a tension, and rad of a twisting moment's waves, that an element may have: beyond, what rounding leaves
-# at a node swamps its series
+# decay lengths of a tension, and rad of a twisting moment's waves, that an element may have: beyond, what rounding
+# leaves at a node swamps its series
 SPAN, WAVES = 20.0, 60.0
 ENERGY_POINTS = 6  # Gauss points an element for energies
 
