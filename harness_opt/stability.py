@@ -79,12 +79,15 @@ def _shape_functions() -> tuple[Array, Array]:
     return powers @ coefficients, slopes @ coefficients
 
 
-def _assemble(rod: Rod) -> tuple[Array, Array, Array]:
-    """Return Q (..., D, D), the position constraint (..., 3, D) and the mass matrix (D, D), D = 3 (3 n + 1)."""
+def _assemble(rod: Rod, mesh: Array) -> tuple[Array, Array, Array]:
+    """Return Q (..., D, D), the position constraint (..., 3, D) and the mass matrix (D, D), D = 3 (3 n + 1).
+
+    phi is on the elements of ``mesh`` (n + 1,).
+    """
     tableau = gauss(POINTS)
-    steps = np.diff(rod.mesh)
+    steps = np.diff(mesh)
     count = len(steps)
-    s = (rod.mesh[:-1, None] + steps[:, None] * tableau.nodes).ravel()
+    s = (mesh[:-1, None] + steps[:, None] * tableau.nodes).ravel()
     samples = rod.sample(s)
     lead = samples.q.shape[:-2]
     split = (*lead, count, POINTS, 3)
@@ -133,8 +136,8 @@ def _integrated(field: Array, left: Array, right: Array) -> Array:
     return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
 
 
-def _resolved(rod: Rod) -> Rod:
-    """Return ``rod`` on a mesh that resolves how phi may vary, and hardly more than that.
+def _resolving(rod: Rod) -> Array:
+    """Return a mesh (n + 1,) that resolves how phi may vary along ``rod``, and hardly more than that.
 
     The modes vary as :func:`harness_opt.rod.wave_numbers` says, whatever the shape itself needs.
     """
@@ -145,24 +148,22 @@ def _resolved(rod: Rod) -> Rod:
     pieces = np.clip(np.ceil(phase / PHASE), 1, max(1, min(MOST_PIECES, MOST_ELEMENTS // len(steps)))).astype(int)
     if np.any(pieces > 1):
         old = np.concatenate([[0], np.cumsum(pieces)])
-        mesh = np.interp(np.arange(old[-1] + 1), old, rod.mesh)
-    elif len(steps) > ENOUGH:
-        ends = 2.0 * np.arccos(np.clip(np.abs(np.sum(rod.q[..., 1:, :] * rod.q[..., :-1, :], axis=-1)), 0.0, 1.0))
-        needed = np.concatenate([[0.0], np.cumsum(np.maximum(phase / PHASE, ends.max(axis=lead) / TURNING))])
-        count = max(ENOUGH, int(np.ceil(needed[-1])))
-        if count >= len(steps):
-            return rod
-        needed += needed[-1] * rod.mesh  # no element longer than two of a uniform mesh
-        mesh = np.interp(np.linspace(0.0, needed[-1], count + 1), needed, rod.mesh)
-    else:
-        return rod
-    samples = rod.sample(mesh)
-    return Rod(rod.section, rod.load, mesh, samples.q, samples.r, samples.force, samples.moment)
+        return np.interp(np.arange(old[-1] + 1), old, rod.mesh)
+    if len(steps) <= ENOUGH:
+        return rod.mesh
+    cosines = np.clip(np.abs(np.sum(rod.q[..., 1:, :] * rod.q[..., :-1, :], axis=-1)), 0.0, 1.0)
+    turned = 2.0 * np.arccos(cosines).max(axis=lead)
+    needed = np.concatenate([[0.0], np.cumsum(np.maximum(phase / PHASE, turned / TURNING))])
+    count = max(ENOUGH, int(np.ceil(needed[-1])))
+    if count >= len(steps):
+        return rod.mesh
+    needed += needed[-1] * rod.mesh  # no element is longer than two of a uniform mesh
+    return np.interp(np.linspace(0.0, needed[-1], count + 1), needed, rod.mesh)
 
 
-def _parts(rod: Rod) -> Iterator[Rod]:
+def _parts(rod: Rod, mesh: Array) -> Iterator[Rod]:
     """Yield ``rod``, one shape or many along one axis, a few at a time: a large matrix each is much memory."""
-    size = 3 * (DEGREE * (len(rod.mesh) - 1) + 1)
+    size = 3 * (DEGREE * (len(mesh) - 1) + 1)
     few = max(1, MOST_ENTRIES // size**2)
     if rod.q.ndim == 2 or len(rod.q) <= few:
         yield rod
@@ -172,9 +173,9 @@ def _parts(rod: Rod) -> Iterator[Rod]:
         yield Rod(rod.section, rod.load, rod.mesh, *some)
 
 
-def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
+def _allowed(rod: Rod, mesh: Array, kind: Kind) -> tuple[Array, Array, Array, Array]:
     """Return what :func:`_assemble` does without the fields that the clamps forbid, and the load scale (...)."""
-    matrix, constraint, mass = _assemble(rod)
+    matrix, constraint, mass = _assemble(rod, mesh)
     size = mass.shape[0]
     for node, held, sign in ((0, kind.start_orientation, 0.5), (-1, kind.end_orientation, -0.5)):
         if not held:
@@ -186,13 +187,13 @@ def _allowed(rod: Rod, kind: Kind) -> tuple[Array, Array, Array, Array]:
     return matrix[..., kept, kept], constraint[..., kept], mass[kept, kept], scale
 
 
-def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
+def _reduced(rod: Rod, mesh: Array, kind: Kind) -> tuple[Array, Array, Array]:
     """Return Q's matrix on fields orthonormal in the mass, the basis of these fields, and the load scale.
 
     Fields that would move the end are given an eigenvalue far above all others rather than being left out: how many
     there are depends on the shape (two for a straight one, three for all others).
     """
-    matrix, constraint, mass, scale = _allowed(rod, kind)
+    matrix, constraint, mass, scale = _allowed(rod, mesh, kind)
     # with phi = L^-T u, mass = L L^T, the eigenvalues against the mass are ordinary ones
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
@@ -207,9 +208,9 @@ def _reduced(rod: Rod, kind: Kind) -> tuple[Array, Array, Array]:
 
 def stability(rod: Rod, kind: Kind) -> Stability:
     """Return the stability of ``rod`` between ends of ``kind``."""
-    margins, indices = [], []
-    for part in _parts(_resolved(rod)):
-        matrix, _, scale = _reduced(part, kind)
+    margins, indices, mesh = [], [], _resolving(rod)
+    for part in _parts(rod, mesh):
+        matrix, _, scale = _reduced(part, mesh, kind)
         symmetric = _conservative(matrix)
         values = np.linalg.eigvalsh(matrix) if symmetric else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
         margins.append(np.asarray(values[..., 0], dtype=float))
@@ -226,11 +227,12 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
     where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
     symmetric part, and what it says of that is true of the real parts of all eigenvalues.
     """
-    return all(_surely_stable(part, kind) for part in _parts(_resolved(rod)))
+    mesh = _resolving(rod)
+    return all(_surely_stable(part, mesh, kind) for part in _parts(rod, mesh))
 
 
-def _surely_stable(rod: Rod, kind: Kind) -> bool:
-    matrix, constraint, mass, scale = _allowed(rod, kind)
+def _surely_stable(rod: Rod, mesh: Array, kind: Kind) -> bool:
+    matrix, constraint, mass, scale = _allowed(rod, mesh, kind)
     matrix = 0.5 * (matrix + np.swapaxes(matrix, -1, -2)) + (NEUTRAL * scale)[..., None, None] * mass
     if kind.start_position and kind.end_position:
         matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(constraint, -1, -2) @ constraint
@@ -252,15 +254,15 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
 
     It is in the section frame, and its longest vector has length 1.
     """
-    resolved = _resolved(rod)
-    matrix, basis, _ = _reduced(resolved, kind)
+    mesh = _resolving(rod)
+    matrix, basis, _ = _reduced(rod, mesh, kind)
     if _conservative(matrix):
         vector = np.linalg.eigh(matrix)[1][:, 0]
     else:
         values, vectors = np.linalg.eig(matrix)
         vector = vectors[:, np.argmin(values.real)].real
-    field = np.zeros(3 * (DEGREE * (len(resolved.mesh) - 1) + 1))
+    field = np.zeros(3 * (DEGREE * (len(mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
     field[first : first + len(basis)] = basis @ vector
-    at_nodes = np.stack([np.interp(rod.mesh, resolved.mesh, one) for one in field.reshape(-1, 3)[::DEGREE].T], axis=1)
+    at_nodes = np.stack([np.interp(rod.mesh, mesh, one) for one in field.reshape(-1, 3)[::DEGREE].T], axis=1)
     return at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))
