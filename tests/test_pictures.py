@@ -262,11 +262,13 @@ def folder(two_cables, tmp_path) -> Path:
     """A result folder with no more in it than the contract promises."""
     file = write_problem(two_cables.problem, tmp_path / "problem.toml")
     limits = [{"name": "clearance", "limit": 0.006, "margin": -0.01, "motion": 0.5}]
-    summary = {"problem": {"file": str(file)}, "limits": limits}
+    summary = {
+        "command": "simulate", "versions": {"harness-opt": "0"}, "problem": {"file": str(file)}, "limits": limits
+    }  # fmt: skip
     place = tmp_path / "result"
     place.mkdir()
     (place / "summary.json").write_text(json.dumps(summary))
-    arrays = {f"{n}/{key}": getattr(c, key) for n, c in two_cables.cables.items() for key in KEPT}
+    arrays = {f"{n}/{key}": getattr(c, key) for n, c in two_cables.cables.items() for key in ("s", *KEPT)}
     np.savez(place / "motion.npz", motion=two_cables.motion, **arrays)
     return place
 
@@ -448,11 +450,15 @@ def test_without_pyvista_one_line_names_the_remedy(two_cables, tmp_path, monkeyp
 
 
 def test_a_folder_without_a_result_is_named(folder, tmp_path):
-    with pytest.raises(HarnessError, match=r"nowhere: found no .*summary\.json"):
+    with pytest.raises(HarnessError, match="nowhere: found no result of harness-opt"):
         pictures.show(tmp_path / "nowhere")
-    (folder / "summary.json").write_text("{}")
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps({key: summary[key] for key in ("command", "versions")}))
     with pytest.raises(HarnessError, match="result: found a damaged result"):
         pictures.show(folder)
-    (folder / "summary.json").write_text(json.dumps({"problem": {"file": None}, "limits": []}))
+    (folder / "summary.json").write_text("{}")
+    with pytest.raises(HarnessError, match="result: found no result of harness-opt"):
+        pictures.show(folder)
+    (folder / "summary.json").write_text(json.dumps(summary | {"problem": {"file": None}, "limits": []}))
     with pytest.raises(HarnessError, match="found no name of a problem file"):
         pictures.show(folder)
