@@ -22,7 +22,6 @@ from .starting_curve import starting_curve
 from .transcriptions.collocation import pack, stations
 
 NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
-NEAR = 0.05  # rad, turning up to which a descent has come back to the shape that it began at
 CURVE = 241  # places at which a starting curve is looked at
 PLACES = 8  # an element, at which a lost shape is looked at
 EASY = 0.1  # slack, in L, with which a taut cable is begun

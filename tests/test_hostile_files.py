@@ -61,7 +61,8 @@ def test_meshes_outside_are_refused_unless_their_folder_is_given(folder: Path, i
 
 
 def test_dots_that_lead_back_are_no_matter(folder: Path) -> None:
-    read_problem(written(folder, naming("meshes/../meshes/./housing.stl")))
+    problem = read_problem(written(folder, naming("meshes/../meshes/./housing.stl")))
+    assert problem.parts["housing"].shape.path.samefile(folder / "meshes" / "housing.stl")
 
 
 def test_nothing_is_told_of_files_outside(folder: Path, inside: Path) -> None:
