@@ -161,5 +161,5 @@ class Solver(Protocol):
 
 def largest(residual: Array) -> float:
     """Return max |R|, infinite where an entry is not a number."""
-    value = float(np.abs(residual).max()) if residual.size else 0.0
+    value = float(np.maximum.reduce(np.abs(residual), axis=None)) if residual.size else 0.0
     return value if math.isfinite(value) else np.inf

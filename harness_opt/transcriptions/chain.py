@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from .. import rod, rotations
 from ..boundary import Boundary
+from ..machine_code import Buffered, built, wanted
 from ..quadrature import gauss
 from ..rod import Section
 from ..rotations import Array
@@ -58,13 +59,13 @@ def _product(p: ca.SX, q: ca.SX) -> ca.SX:
 
 
 @functools.cache
-def _element(exact: bool) -> tuple[ca.Function, ca.Function]:
+def _element(exact: bool, machine: bool) -> tuple[ca.Function, ca.Function]:
     """Return two functions of one element.
 
     Arguments: nodes' quaternions (4 (DEGREE + 1),), length, start, stiffness, rest curvature, force at the end of the
     cable, load. Results of the first: energy and chord; of the second: the gradient of the energy by small rotations
     of the nodes about their own axes, the chord, its derivative by rows, and quaternions and Darboux vectors at the
-    Gauss points; where ``exact``, the Hessian in place of the quaternions.
+    Gauss points; where ``exact``, the Hessian in place of the quaternions. Both are machine code where ``machine``.
     """
     tableau = gauss(DEGREE)
     values, slopes = _lagrange(tableau.nodes)
@@ -94,27 +95,48 @@ def _element(exact: bool) -> tuple[ca.Function, ca.Function]:
     hessian, gradient = ca.hessian(energy, turns)
     second = ca.vec(hessian) if exact else ca.vertcat(*frames)
     results = [
-        ca.substitute(x, turns, ca.DM.zeros(UNKNOWNS))
-        for x in (
-            energy,
-            chord,
-            gradient,
-            ca.vec(ca.jacobian(chord, turns).T),
-            second,
-            ca.vertcat(*omegas),
-        )
+        ca.densify(ca.substitute(x, turns, ca.DM.zeros(UNKNOWNS)))
+        for x in (energy, chord, gradient, ca.vec(ca.jacobian(chord, turns).T), second, ca.vertcat(*omegas))
     ]
     arguments = [ca.vec(q), h, s, stiffness, rest, force, load]
-    return (
+    functions = (
         ca.Function("energy", arguments, results[:2], {"cse": True}),
         ca.Function("expansion", arguments, results[1:], {"cse": True}),
     )
+    return (built(functions[0]), built(functions[1])) if machine else functions
+
+
+@dataclass(frozen=True)
+class _Functions:
+    """Functions of a whole chain: of its quaternions (m, 4) and the force at its end, flat, and its parameters.
+
+    Args:
+        energy: gives the energy and the vector between the ends, (4,).
+        expansion: gives what that of the elements does, one result after the other, each an element at a time.
+        sizes: of these results, per element.
+    """
+
+    energy: Buffered
+    expansion: Buffered
+    sizes: tuple[int, ...]
 
 
 @functools.lru_cache(maxsize=32)
-def _mapped(elements: int, exact: bool) -> tuple[ca.Function, ca.Function]:
-    energy, expansion = _element(exact)
-    return energy.map(elements), expansion.map(elements)
+def _functions(elements: int, exact: bool, machine: bool) -> _Functions:
+    energy, expansion = _element(exact, machine)
+    x, p = ca.MX.sym("x", 4 * (DEGREE * elements + 1) + 3), ca.MX.sym("p", 2 * elements + 9)
+    steps, starts, stiffness, rest, load = ca.vertsplit(p, [0, elements, *(2 * elements + np.arange(0, 10, 3))])
+    own = 4 * DEGREE * np.arange(elements)[:, None] + np.arange(4 * (DEGREE + 1))
+    q = ca.reshape(x[own.ravel().tolist()], own.shape[1], elements)
+    shared = [3, 4, 5, 6]  # stiffness, rest curvature, force and load are one for all elements
+    arguments = (q, steps.T, starts.T, stiffness, rest, x[-3:], load)
+    sums = [ca.sum2(part) for part in energy.map("energies", "serial", elements, shared, [])(*arguments)]
+    parts = expansion.map("expansions", "serial", elements, shared, [])(*arguments)
+    return _Functions(
+        Buffered(ca.Function("energy", [x, p], [ca.vertcat(*sums)])),
+        Buffered(ca.Function("expansion", [x, p], [ca.vertcat(*(ca.vec(part) for part in parts))])),
+        tuple(part.shape[0] for part in parts),
+    )
 
 
 @dataclass(frozen=True)
@@ -185,9 +207,9 @@ class Chain:
         kind, steps, count = boundary.kind, np.diff(mesh), len(mesh) - 1
         self.closed = kind.start_position and kind.end_position
         self._pattern = _pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
-        self._energy, self._expansion = _mapped(count, exact)
+        self._functions = _functions(count, exact, wanted())
         self._rest = section.rest_curvature
-        self._parameters = (steps[None], mesh[None, :-1], section.stiffness, section.rest_curvature)
+        self._parameters = np.concatenate([steps, mesh[:-1], section.stiffness, section.rest_curvature, load])
         self.nodes = np.append((mesh[:-1, None] + steps[:, None] * NODES[:-1]).ravel(), 1.0)
         self.points = (mesh[:-1, None] + steps[:, None] * gauss(DEGREE).nodes).ravel()
         share = np.gradient(self.nodes)
@@ -221,39 +243,35 @@ class Chain:
         """Return the internal force at the end of the cable, (3,): the multipliers, or what is given."""
         return multipliers if self.closed else np.asarray(self._loose_force)
 
-    def _arguments(self, q: Array, force: Array) -> tuple[Any, ...]:
-        count = len(self.mesh) - 1
-        quaternions = q[self._pattern.nodes].reshape(count, -1).T
-        steps, starts, *shared = self._parameters
-        return quaternions, steps, starts, *(np.tile(x[:, None], count) for x in (*shared, force, self.load))
-
-    def _closure(self, chords: Array) -> Array:
-        return chords.sum(axis=1) - self.boundary.gap if self.closed else np.zeros(0)
-
     def energy(self, q: Array) -> tuple[float, Array]:
         """Return the energy, in B/L, of quaternions (m, 4), and what is missed of the constraints (constraints,)."""
-        energies, chords = self._energy(*self._arguments(q, self.force(self.multipliers)))
-        return float(np.sum(np.asarray(energies))), self._closure(np.asarray(chords))
+        x = np.concatenate([q.ravel(), self.force(self.multipliers)])
+        found = self._functions.energy(x, self._parameters)
+        return float(found[0]), self._missed(found[1:])
+
+    def _missed(self, chord: Array) -> Array:
+        return chord - self.boundary.gap if self.closed else np.zeros(0)
 
     def expand(self, q: Array, multipliers: Array) -> Expansion:
         """Return the energy less the multipliers' work to second order about ``q`` (m, 4)."""
         p, count = self._pattern, len(self.mesh) - 1
         force = self.force(multipliers)
-        chords, gradients, slopes, second, omegas = (np.asarray(x) for x in self._expansion(*self._arguments(q, force)))
+        found = self._functions.expansion(np.concatenate([q.ravel(), force]), self._parameters)
+        chords, gradients, slopes, second, omegas = np.split(found, count * np.cumsum(self._functions.sizes)[:-1])
         gradient = np.zeros((len(q), 3))
-        np.add.at(gradient, p.nodes, gradients.T.reshape(count, DEGREE + 1, 3))
+        np.add.at(gradient, p.nodes, gradients.reshape(count, DEGREE + 1, 3))
         shape = (count, DEGREE)
         if self.exact:
-            blocks = second.T.reshape(count, UNKNOWNS, UNKNOWNS)
+            blocks = second.reshape(count, UNKNOWNS, UNKNOWNS)
         else:
-            blocks = self._second(second.T.reshape(*shape, 4), omegas.T.reshape(*shape, 3), force)
+            blocks = self._second(second.reshape(*shape, 4), omegas.reshape(*shape, 3), force)
         entries = [blocks[p.blocks]]
         if p.chords is not None:
-            border = slopes.T.reshape(count, 3, UNKNOWNS)[p.chords]
+            border = slopes.reshape(count, 3, UNKNOWNS)[p.chords]
             entries += [border, border, np.zeros(3)]
         return Expansion(
-            gradient[p.free].ravel(), self._closure(chords), np.concatenate(entries), len(entries[0]), p.places,
-            p.sparsity, self._weights,
+            gradient[p.free].ravel(), self._missed(chords.reshape(count, 3).sum(axis=0)), np.concatenate(entries),
+            len(entries[0]), p.places, p.sparsity, self._weights,
         )  # fmt: skip
 
     def _second(self, q: Array, omega: Array, force: Array) -> Array:
