@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import rod as rod_module
 from .boundary import Kind, case
 from .continuation import ELEMENTS, NEAR, STEP_ITERATIONS, Solved, resample, solve_on, turning
-from .following import batch
+from .followed_frames import Frames, batch
 from .problem import End, Problem
 from .results import CableMotion, Motion
 from .rotations import Array
@@ -59,8 +59,8 @@ class BetweenFrames:
         found = np.array([solved is not None for solved in solves], dtype=bool)
         solved = [one for one in solves if one is not None]
         if solved:
-            solved, errors = accurate(solved, self._tolerance, SOLVER)
-            rods = batch(solved)
+            between, errors = accurate(Frames(solved), self._tolerance, SOLVER)
+            rods = batch(between)
             self._meshes[cable] = rods.mesh
             units = rod_module.scale(problem.cables[cable].cable)[1]
             samples = rods.sample(shapes.s / units.length)
@@ -68,7 +68,7 @@ class BetweenFrames:
             origins = start_positions(kept, samples.r[:, -1], units)
             position[found] = origins[:, None] + units.length * samples.r
             quaternion[found] = samples.q
-            found[found] = (errors <= self._tolerance) & _stable(rods, solved[0].case.boundary.kind)
+            found[found] = (errors <= self._tolerance) & _stable(rods, between[0].case.boundary.kind)
         return position, quaternion, found
 
     def _solves(

@@ -28,6 +28,7 @@ from .continuation import (
     turning,
 )
 from .errors import Status
+from .followed_frames import MOST_HELD, Frames, batch
 from .problem import End, Problem
 from .rotations import Array
 from .shape import Rod
@@ -43,13 +44,6 @@ LANDED = 1e-5  # estimated error, in L, of a shape that a cable is taken to land
 LATER = 4  # times over further on that a landing is tried where there is none at the place of the loss itself
 
 Progress = Callable[[str, int, int], None]
-
-
-def batch(frames: Sequence[Solved]) -> Rod:
-    """Return the shapes of ``frames``, which share cable and mesh, as one Rod with a leading axis."""
-    rods = [frame.rod for frame in frames]
-    stacked = {name: np.stack([getattr(r, name) for r in rods]) for name in ("q", "r", "force", "moment")}
-    return Rod(rods[0].section, rods[0].load, rods[0].mesh, **stacked)
 
 
 class Follower:
@@ -72,7 +66,7 @@ class Follower:
         self.run = problem.cables[name]
         self.gravity = np.asarray(problem.gravity)
         self.ends = problem.ends(name, motion)
-        self.frames: list[Solved] = []
+        self.frames = self._no_frames()
         self.snaps: list[tuple[int, float]] = []
 
     def run_all(
@@ -107,7 +101,7 @@ class Follower:
                 if checked == total:
                     return Status.OK, ""
                 continue
-            del self.frames[lost:]
+            self.frames.cut(lost)
             self.snaps = [(frame, at) for frame, at in self.snaps if frame < lost]
             landed = self._lose(lost)
             if landed is None:
@@ -236,7 +230,10 @@ class Follower:
             if same and error_estimate(again)[0] < COARSE:
                 solved = again
             else:
-                self.frames = [solve_on(f.case, mesh, resample(f.rod, mesh), self.solver) for f in self.frames]
+                finer = self._no_frames()
+                for f in self.frames:
+                    finer.append(solve_on(f.case, mesh, resample(f.rod, mesh), self.solver))
+                self.frames = finer
         self.frames.append(solved)
 
     def _swing_start(self, landed: Solved, where: float) -> bool:
@@ -250,9 +247,13 @@ class Follower:
         energy = float(first.rod.energy())
         if reached != start or abs(float(swung.rod.energy()) - energy) > SAME_ENERGY * (1.0 + abs(energy)):
             return False
-        self.frames = []
+        self.frames = self._no_frames()
         self._append(swung)
         return True
+
+    def _no_frames(self) -> Frames:
+        """Return a place for frames."""
+        return Frames(most_held=MOST_HELD // len(self.problem.cables))
 
     def _failure(self, frame: int, reason: str) -> str:
         """Return the sentence for the user."""

@@ -5,16 +5,17 @@ Each shape starts from the last ones; a cable that loses its shape is let go and
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from . import rod as rod_module
-from .continuation import Solved, error_from_defects, finer_mesh, resample, solve_on
+from .continuation import Solved, finer_mesh, resample, solve_on
 from .errors import Status
-from .following import Follower, Progress, batch
+from .followed_frames import Frames, batch, blocks
+from .following import Follower, Progress
 from .problem import End, Problem
 from .results import STATIONS, CableMotion, Followed
 from .rod import Units
@@ -24,7 +25,6 @@ from .stability import Stability, stability
 
 Rigour = Literal["full", "stable", "look"]
 
-BLOCK = 256  # frames that something is asked of at a time
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
@@ -112,7 +112,7 @@ def sweep(
     units = rod_module.scale(follower.run.cable)[1]
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
-        return Sweep((), np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
+        return Sweep(frames, np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
     errors = np.full(len(frames), np.nan)
     if not look:
         frames, errors = accurate(frames, tolerance, solver)
@@ -123,48 +123,38 @@ def sweep(
             f"cable {name}, frame {worst} of {len(motion)}: {status.value} (estimated error {errors[worst]:.1e} of its "
             f"length, asked for {tolerance:.1e}); try a looser tolerance"
         )
-    rods = batch(frames)
     if rigour == "full":
         answer = _stability(frames)
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
-    origins = start_positions(follower.ends, rods.r[:, -1], units)
+    origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
     return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
-
-
-def _blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
-    """Yield all frames, a batch of some of them at a time: a batch takes much memory while something is asked of it."""
-    for first in range(0, len(frames), BLOCK):
-        yield batch(frames[first : first + BLOCK])
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:
     """Return the stability of all frames, batched."""
     kind = frames[0].case.boundary.kind
-    found = [stability(rods, kind) for rods in _blocks(frames)]
+    found = [stability(rods, kind) for rods in blocks(frames)]
     return Stability(*(np.concatenate([getattr(one, key) for one in found]) for key in ("margin", "index")))
 
 
-def accurate(frames: list[Solved], tolerance: float, solver: str) -> tuple[list[Solved], Array]:
+def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Array]:
     """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
     possible.
     """
     before = np.inf
     while True:
-        with np.errstate(over="ignore", invalid="ignore"):
-            defects = batch(frames).defects()
-        estimates = [error_from_defects(frame, *(d[k] for d in defects)) for k, frame in enumerate(frames)]
-        errors = np.array([error for error, _ in estimates])
+        errors, local = frames.errors()
         worst = float(np.max(errors))
         if worst <= tolerance:
             return frames, errors
-        local = np.max([local for _, local in estimates], axis=0)
         mesh = finer_mesh(frames[0].bound.mesh, local, worst / tolerance, before)
         if mesh is None:
             return frames, errors
         before = worst / tolerance
-        again: list[Solved] = []
-        for frame, x in zip(frames, resample(batch(frames), mesh), strict=True):
+        again = Frames(most_held=frames.most_held)
+        shapes = (x for rods in blocks(frames) for x in resample(rods, mesh))
+        for frame, x in zip(frames, shapes, strict=True):
             solved = solve_on(frame.case, mesh, x, solver, near=again[-1] if again else None)
             if not solved.ok or solved.turned:
                 return frames, errors
@@ -176,7 +166,7 @@ def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
     """Return the plain arrays of a sweep at equally spaced stations."""
     units = swept.units
     s = np.linspace(0.0, 1.0, stations)
-    samples = [rods.sample(s) for rods in _blocks(swept.frames)]
+    samples = [rods.sample(s) for rods in blocks(swept.frames)]
     r, q, omega, force, moment = (
         np.concatenate([getattr(one, key) for one in samples]) for key in ("r", "q", "omega", "force", "moment")
     )

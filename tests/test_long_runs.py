@@ -1,0 +1,92 @@
+"""Long motions on fine meshes: past a limit frames go to disk, give the same results, and leave nothing behind."""
+
+from __future__ import annotations
+
+import resource
+
+import numpy as np
+import pytest
+from test_problems import PROBLEMS
+
+import harness_opt as ho
+from harness_opt import followed_frames, following, sweeps
+from harness_opt.followed_frames import LAST, Frames, at_a_time
+from harness_opt.rows_on_disk import RowsOnDisk
+
+
+@pytest.fixture(autouse=True)
+def few_frames_are_a_block(monkeypatch):
+    monkeypatch.setattr(followed_frames, "NODES_AT_A_TIME", 60)
+
+
+def problem() -> ho.Problem:
+    return ho.read_problem(PROBLEMS / "lift_arm" / "lift_arm.toml")
+
+
+@pytest.mark.parametrize("rigour", ["full", "stable"])
+def test_frames_on_disk_change_nothing(monkeypatch, rigour):
+    values = np.linspace(0.0, 1.0, 120)
+    found = []
+    for most_held in (following.MOST_HELD, 100_000):
+        monkeypatch.setattr(following, "MOST_HELD", most_held)
+        found.append(sweeps.sweep(problem(), "lead", values, rigour=rigour))
+    held, streamed = found
+    assert held.frames.stowed == 0
+    assert streamed.frames.stowed >= 120 - LAST - at_a_time(streamed.frames[0])
+    assert np.array_equal(held.origins, streamed.origins)
+    assert np.array_equal(held.errors, streamed.errors)
+    for before, after in zip(held.frames, streamed.frames, strict=True):
+        assert np.array_equal(before.solution.x, after.solution.x)
+    one, other = (vars(sweeps.cable_motion(swept)) for swept in found)
+    for name, values in one.items():
+        assert np.array_equal(values, other[name], equal_nan=True), name
+
+
+def test_what_is_on_disk_takes_no_memory():
+    values = np.linspace(0.0, 1.0, 100)
+    given = sweeps.sweep(problem(), "lead", values, rigour="look").frames
+    size = given[0].solution.x.nbytes
+    frames = Frames(most_held=10 * size)
+    for count, frame in enumerate(given, 1):
+        frames.append(frame)
+        assert len(frames) == count
+        assert count - frames.stowed <= LAST + at_a_time(frame)
+    assert all(stub.solution.factor is None and not stub.solution.x.size for stub in frames._stowed)
+    assert all("rod" not in vars(stub) and stub.trail is None for stub in frames._stowed)
+    assert np.array_equal(frames.errors()[0], given.errors()[0])
+    frames.cut(frames.stowed + 3)
+    assert np.array_equal(frames[-1].solution.x, given[len(frames) - 1].solution.x)
+    with pytest.raises(IndexError):
+        frames[len(frames)]
+
+
+def test_the_file_has_no_name(tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    rows = RowsOnDisk(3)
+    rows[1], rows[0] = np.arange(3.0), np.full(3, np.pi)
+    assert np.array_equal(rows[1], np.arange(3.0))
+    assert np.array_equal(rows[0], np.full(3, np.pi))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_disk_refuses_stays_in_memory():
+    given = np.random.default_rng(0).normal(size=(6, 10))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    rows = RowsOnDisk(10)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200, before[1]))  # two rows and a half
+    try:
+        for k, row in enumerate(given):
+            rows[k] = row
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert len(rows._refused) == 4
+    assert all(np.array_equal(rows[k], row) for k, row in enumerate(given))
+
+
+def test_where_there_is_no_folder_for_it_rows_stay_in_memory(tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", "set, so that the usual one is not taken")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
+    rows = RowsOnDisk(2)
+    rows[0] = np.ones(2)
+    assert np.array_equal(rows[0], np.ones(2))
