@@ -93,6 +93,13 @@ class Solved:
         """The factorised Jacobian at the solution."""
         return factorise(self.bound.linearise(self.solution.x)[1])
 
+    @functools.cached_property
+    def estimate(self) -> tuple[float, Array]:
+        """What :func:`error_estimate` returns."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            defects = self.rod.defects()
+        return error_from_defects(self, *defects)
+
     @property
     def lasting(self) -> Factor | None:
         """A factorised Jacobian that serves for cases nearby too; None where there is none.
@@ -166,9 +173,7 @@ def error_estimate(solved: Solved) -> tuple[float, Array]:
     The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
     estimate is of the global error and needs no second solve. What the solver left of the equations counts too.
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        defects = solved.rod.defects()
-    return error_from_defects(solved, *defects)
+    return solved.estimate
 
 
 def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple[float, Array]:

@@ -20,6 +20,7 @@ BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a
 LAYER, DECAYED = 1.0, 18.0  # decay lengths: of an element at the foot of a layer, and after which 1e-8 of it is left
 LOOSE = 1.6  # how far a chain may miss that at rest
 SPREAD, GROWTH = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
+ROWS = 64  # of distances between places, looked at together: what a processor keeps at hand
 SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: of a cable that sinks gently, of one that only looks for rest
 WORK = 60_000  # elements times steps that a descent may take: some seconds
 QUICK = 8_000  # the same for a descent that another one can stand in for
@@ -86,8 +87,13 @@ def _fitted(s: Array, density: Array) -> Array:
     """
     fine = np.unique(np.concatenate([s, np.linspace(0.0, 1.0, 8 * ELEMENTS[0] + 1)]))
     size = 1.0 / np.maximum(np.interp(fine, s, density), ELEMENTS[0])
-    apart = np.abs(fine[:, None] - fine)
-    size = np.min(size + GROWTH * np.maximum(0.0, apart - SPREAD * size), axis=1)
+    # size + GROWTH max(0, distance - SPREAD size), of whatever asks for least
+    grown, begun = GROWTH * fine, (1.0 - GROWTH * SPREAD) * size
+    spread = [
+        np.min(np.maximum(size, np.abs(grown[i : i + ROWS, None] - grown) + begun), axis=1)
+        for i in range(0, len(fine), ROWS)
+    ]
+    size = np.concatenate(spread)
     run = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 2.0 / (size[1:] + size[:-1]))])
     count = next((n for n in ELEMENTS if n >= run[-1]), ELEMENTS[-1])
     return np.interp(np.linspace(0.0, run[-1], count + 1), run, fine)

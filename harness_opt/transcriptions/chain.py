@@ -45,13 +45,32 @@ NEIGHBOURS, WHOLE = 1.0, 2.5  # rad that neighbouring nodes, and those of an ele
 Indices = NDArray[np.integer[Any]]
 
 
+_POLYNOMIALS = np.linalg.inv(np.vander(NODES, increasing=True))  # those that are 1 at one node, by columns
+
+
 def _lagrange(at: Array) -> tuple[Array, Array]:
     """Return the values and the derivatives (m, DEGREE + 1) at ``at`` (m,) of the polynomials that are 1 at a node."""
-    powers = np.arange(DEGREE + 1)
-    inverse = np.linalg.inv(np.vander(NODES, increasing=True))
-    values = at[:, None] ** powers
-    slopes = powers * at[:, None] ** np.maximum(powers - 1, 0)
-    return values @ inverse, slopes @ inverse
+    powers = np.vander(at, DEGREE + 1, increasing=True)
+    slopes = np.zeros_like(powers)
+    slopes[:, 1:] = powers[:, :-1] * np.arange(1, DEGREE + 1)
+    return powers @ _POLYNOMIALS, slopes @ _POLYNOMIALS
+
+
+@functools.cache
+def _products() -> tuple[Array, Array, Array]:
+    """Return the weighted products at Gauss points that integrals of phi, phi' and both are made of.
+
+    Of a value and a slope, and of two values, (DEGREE, (DEGREE + 1)^2); and the integrals of those of two slopes,
+    (DEGREE + 1, DEGREE + 1).
+    """
+    tableau = gauss(DEGREE)
+    values, slopes = _lagrange(tableau.nodes)
+
+    def products(left: Array, right: Array) -> Array:
+        return np.asarray(tableau.weights[:, None, None] * left[:, :, None] * right[:, None, :])
+
+    mixed, plain = (products(values, right).reshape(DEGREE, -1) for right in (slopes, values))
+    return mixed, plain, products(slopes, slopes).sum(axis=0)
 
 
 def _product(p: ca.SX, q: ca.SX) -> ca.SX:
@@ -281,8 +300,7 @@ class Chain:
             q, omega: at the Gauss points, (n, DEGREE, 4 or 3).
             force: at the end of the cable, (3,).
         """
-        tableau, stiffness = gauss(DEGREE), self.section.stiffness
-        values, slopes = _lagrange(tableau.nodes)
+        stiffness, (mixed_products, plain_products, rigid) = self.section.stiffness, _products()
         steps, count = np.diff(self.mesh), len(q)
         beyond = (1.0 - self.points).reshape(count, DEGREE, 1)
         inner = rotations.rotate(rotations.conjugate(q), force + beyond * self.load)
@@ -294,20 +312,15 @@ class Chain:
         rate = turned + 0.5 * moment  # phi (.) phi'
         twice = moment @ spin
         plain = turned @ spin + 0.5 * (twice + np.swapaxes(twice, -1, -2)) + loads  # phi (.) phi
-        weights = tableau.weights
 
-        def integrated(field: Array, weight: Array) -> Array:
-            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ weight.reshape(DEGREE, -1)
+        def integrated(field: Array, products: Array) -> Array:
+            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ products
             blocks = summed.reshape(count, 3, 3, DEGREE + 1, DEGREE + 1).transpose(0, 3, 1, 4, 2)
             return np.asarray(blocks.reshape(count, UNKNOWNS, UNKNOWNS))
 
-        def products(left: Array, right: Array) -> Array:
-            return np.asarray(weights[:, None, None] * left[:, :, None] * right[:, None, :])
-
-        mixed = integrated(rate, products(values, slopes))
-        rigid = np.einsum("g,ga,gb,ij->aibj", weights, slopes, slopes, np.diag(stiffness)).reshape(UNKNOWNS, UNKNOWNS)
-        hessian = rigid / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
-        hessian += steps[:, None, None] * integrated(plain, products(values, values))
+        mixed = integrated(rate, mixed_products)
+        hessian = np.kron(rigid, np.diag(stiffness)) / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
+        hessian += steps[:, None, None] * integrated(plain, plain_products)
         return np.asarray(hessian)
 
     def move(self, q: Array, step: Array) -> Array:

@@ -67,11 +67,10 @@ def _element(stages: int, loaded: bool) -> ca.Function:
 
 @dataclass(frozen=True)
 class _Element:
-    """Functions of one element: its equations, and their derivatives by its unknowns and by rest curvature and load."""
+    """Functions of one element: its equations, and their derivatives by its unknowns."""
 
     equations: ca.Function
     jacobian: ca.Function
-    rates: ca.Function
 
 
 @functools.lru_cache(maxsize=8)
@@ -79,12 +78,20 @@ def _element_functions(stages: int, loaded: bool, machine: bool) -> _Element:
     """Return the functions of an element of any mesh, as machine code where ``machine``."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
-    defects, (_, rest, load) = element(z, *parameters), parameters[2:]
-    by_unknowns, by_parameters = (ca.jacobian(defects, of) for of in (z, ca.vertcat(rest, load)))
+    by_unknowns = ca.jacobian(element(z, *parameters), z)
     # cse: a third of the Jacobian's operations are the same ones again
     jacobian = ca.Function("jacobian", [z, *parameters], [by_unknowns], {"cse": True})
+    return _Element(built(element), built(jacobian)) if machine else _Element(element, jacobian)
+
+
+@functools.lru_cache(maxsize=8)
+def _element_rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
+    """Return the derivatives of an element's equations by rest curvature and load, which few ask for."""
+    element = _element(stages, loaded)
+    z, *parameters = element.sx_in()
+    by_parameters = ca.jacobian(element(z, *parameters), ca.vertcat(*parameters[3:]))
     rates = ca.Function("rates", [z, *parameters], [by_parameters], {"cse": True})
-    return _Element(*(built(function) if machine else function for function in (element, jacobian, rates)))
+    return built(rates) if machine else rates
 
 
 Symbols = TypeVar("Symbols", ca.SX, ca.MX)
@@ -145,14 +152,13 @@ class Collocation:
         self.elements, self.stages, self.loaded, self._machine = elements, stages, loaded, machine
         functions = _element_functions(stages, loaded, machine)
         self._element_pattern = functions.jacobian.sparsity_out(0)
-        self._rate_shape, self._rate_pattern = functions.rates.size_out(0), functions.rates.sparsity_out(0)
         block = NODE + 4 * stages
         self.size = block * elements + NODE + FORCE
         force = np.tile(np.arange(self.size - FORCE, self.size)[:, None], elements)
         self._gather = np.concatenate([np.arange(block + NODE)[:, None] + block * np.arange(elements), force])
         self.quaternions = block * np.arange(elements + 1)[:, None] + np.arange(4)  # of the nodes, among the unknowns
         self.parameters = 2 * elements + sum(PARAMETERS)
-        self._entries, self._rates = (self._of_all(function) for function in (functions.jacobian, functions.rates))
+        self._entries = self._of_all(functions.jacobian)
         self._residuals: dict[Kind, Buffered] = {}
 
     def side_by_side(self, function: ca.Function, x: Symbols, p: Symbols) -> Symbols:
@@ -166,6 +172,12 @@ class Collocation:
     def _of_all(self, function: ca.Function) -> Buffered:
         x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parameters)
         return Buffered(ca.Function("of_all", [x, p], [self.side_by_side(function, x, p)]))
+
+    @functools.cached_property
+    def parameter_rates(self) -> tuple[Buffered, ca.Sparsity]:
+        """The elements' derivatives by rest curvature and load, one after the other, and their pattern in each."""
+        function = _element_rates(self.stages, self.loaded, self._machine)
+        return self._of_all(function), function.sparsity_out(0)
 
     def residual(self, kind: Kind) -> Buffered:
         """Return R(x, p) for ends of a kind."""
@@ -370,9 +382,10 @@ class BoundCollocation:
         count, k = 4 * t.stages + NODE, gap.shape[1]
         out = np.zeros((t.size, k))
         if np.any(rest) or np.any(load):
-            entries = t._rates(x, self._values)
-            rows, columns = (np.array(v) for v in t._rate_pattern.get_triplet())
-            table = np.zeros((t.elements, *t._rate_shape))
+            function, pattern = t.parameter_rates
+            entries = function(x, self._values)
+            rows, columns = (np.array(v) for v in pattern.get_triplet())
+            table = np.zeros((t.elements, *pattern.shape))
             table[:, rows, columns] = entries.reshape(t.elements, -1)
             changed = table @ np.vstack([rest, load])
             out[START : START + t.elements * count] = changed[:, :count].reshape(-1, k)
