@@ -148,9 +148,7 @@ def _layers(resting: Resting, bending: Array) -> tuple[Array, Array]:
     return s, density
 
 
-def _rest(
-    chain: Chain, q: Array, multipliers: Array, shift: float, longest: float, work: int = WORK
-) -> Resting | None:
+def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: float, work: int = WORK) -> Resting | None:
     """Descend on ``chain``, and on others made to fit, until one that fits is at rest; None where that fails."""
     room = _slack(chain.boundary) if chain.closed else 1.0
     standstills = 0
