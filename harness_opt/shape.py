@@ -19,6 +19,7 @@ from .rod import Section
 from .rotations import Array
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
+STRETCHES = 3  # series along an element, for what it misses: of two, their own truncation shows on coarse meshes
 # decay lengths of a tension, and rad of a twisting moment's waves, that an element may have: beyond, what rounding
 # leaves at a node swamps its series
 SPAN, WAVES = 20.0, 60.0
@@ -116,27 +117,44 @@ class Rod:
         strain = omega - self.section.rest_curvature
         return Samples(r, q, force, rotations.rotate(q, strain * self.section.stiffness), omega)
 
-    def defects(self, series: rod.Series | None = None) -> tuple[Array, Array, Array]:
-        """Return how much the exact solutions through neighbouring nodes disagree at the middle of each element.
+    def defects(self, series: rod.Series | None = None) -> tuple[Array, Array, Array, Array, Array]:
+        """Return by how much each element misses the rod's equations, and how far its samples are from them.
 
-        This is the local truncation error of the collocation step, as states: quaternion (..., n, 4), moment in the
-            world frame (..., n, 3) and position (..., n, 3), right minus left.
+        The node at its end misses the exact solution through the one before by a quaternion (..., n, 4), a moment in
+            the world frame (..., n, 3) and a position (..., n, 3): the local truncation error of the collocation. In
+            its middle, what is sampled from either node differs by a turning, rad, and a distance (..., n).
         """
         series = self.series() if series is None else series
-        half = 0.5 * np.diff(self.mesh)
-        step = np.broadcast_to(half, (*self.q.shape[:-2], len(half)))
-
-        def sides(coefficients: Array) -> tuple[Array, Array]:
-            return rod.evaluate(coefficients[..., :-1, :], step), rod.evaluate(coefficients[..., 1:, :], -step)
-
-        (q0, q1), (r0, r1), (m0, m1) = sides(series.q), sides(series.r), sides(series.moment)
-        dq, dm, dr = q1 - q0, rotations.rotate(q1, m1) - rotations.rotate(q0, m0), r1 - r0
+        steps = np.diff(self.mesh)
+        dq, dm, dr = self._misses(series, steps)
+        half = np.broadcast_to(0.5 * steps, (*self.q.shape[:-2], len(steps)))
+        (q0, q1), (r0, r1) = (
+            (rod.evaluate(of[..., :-1, :], half), rod.evaluate(of[..., 1:, :], -half)) for of in (series.q, series.r)
+        )
+        turning, apart = 2.0 * np.linalg.norm(q1 - q0, axis=-1), np.linalg.norm(r1 - r0, axis=-1)
         if np.any(self.long):
-            dq[..., self.long, :], dr[..., self.long, :] = self._long_elements(series).defects()
-            middle = self.force[..., 1:, :] + half[:, None] * self.load
+            long = self.long
+            dq[..., long, :], dr[..., long, :] = self._long_elements(series).defects()
+            middle = self.force[..., 1:, :] + 0.5 * steps[:, None] * self.load
             moments = np.diff(self.moment, axis=-2) + rotations.cross(np.diff(self.r, axis=-2), middle)
-            dm[..., self.long, :] = moments[..., self.long, :]
-        return dq, dm, dr
+            dm[..., long, :] = moments[..., long, :]
+            turning[..., long] = 2.0 * np.linalg.norm(dq[..., long, :], axis=-1)
+            apart[..., long] = np.linalg.norm(dr[..., long, :], axis=-1)
+        return dq, dm, dr, turning, apart
+
+    def _misses(self, series: rod.Series, steps: Array) -> tuple[Array, Array, Array]:
+        """Return by how much nodes miss the exact solutions through those before; these go there by a few series."""
+        step = np.broadcast_to(steps / STRETCHES, (*self.q.shape[:-2], len(steps)))
+        states = [of[..., :-1, :] for of in (series.q, series.r, series.moment)]
+        force = self.force[..., :-1, :]
+        for k in range(STRETCHES):
+            q, r, moment = (rod.evaluate(of, step) for of in states)
+            q = rotations.normalise(q)
+            force, moment = force - step[..., None] * self.load, rotations.rotate(q, moment)
+            if k + 1 < STRETCHES:
+                on = rod.series(q, r, force, moment, self.section, self.load, SERIES_ORDER)
+                states = [on.q, on.r, on.moment]
+        return self.q[..., 1:, :] - q, self.moment[..., 1:, :] - moment, self.r[..., 1:, :] - r
 
     def energy(self) -> Array:
         """Return elastic energy less the work of the distributed load from the start's level, (...), in B/L."""
