@@ -17,6 +17,8 @@ from .results import CableMotion
 from .rotations import Array
 from .vectors import Indices, dots, lengths
 
+FRAMES = 500  # that are looked at as a whole at a time: each takes some 30 kB meanwhile
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -40,6 +42,14 @@ class Curve:
         j, h, x = self._place(s)
         p, q = self.position[frame, j], self.position[frame, j + 1]
         return hermite(h, x, p, q, self.tangent[frame, j], self.tangent[frame, j + 1])
+
+    def grid(self, s: Array) -> Array:
+        """Return the points (P, M, 3), m, of all frames at arc lengths (M,), m."""
+        points = np.empty((len(self.position), len(s), 3))
+        for first in range(0, len(points), FRAMES):
+            some = np.arange(first, min(first + FRAMES, len(points)))
+            points[some] = self.at(np.repeat(some, len(s)), np.tile(s, len(some))).reshape(len(some), len(s), 3)
+        return points
 
     def slope(self, frame: Indices, s: Array) -> Array:
         """Return the derivatives (k, 3) of :meth:`at` along the arc; unit vectors up to third order."""

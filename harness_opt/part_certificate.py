@@ -130,7 +130,7 @@ class PartSearch(Search):
         lower[np.setdiff1d(frames, new)] = self._lower
         if len(new):
             lower[new] = survey(self.task, self._seen.frames(new), self._geometry, arcs, -math.inf)[1]
-        y = seen.at(np.repeat(frames, len(arcs)), np.tile(arcs, len(frames))).reshape(len(frames), len(arcs), 3)
+        y = seen.grid(arcs)
         # whole intervals first: nothing in one is further from a place that was looked at than half the ways
         ways = 0.5 * lengths(np.diff(y, axis=0)).max(axis=1) + 0.5 * np.diff(arcs).max()
         step = np.diff(curve.times)
