@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .body_motion import Hinge, Poses, Slide
-    from .errors import HarnessError, ProblemError, SolveError, Status
+    from .errors import CompilerError, HarnessError, ProblemError, SolveError, Status
     from .html_report import write_report
+    from .machine_code import compiled
     from .motion import simulate
     from .multistart import equilibria
     from .outer_loop import Redesign
@@ -50,8 +51,9 @@ if TYPE_CHECKING:
 
 _ROOMS = {
     "body_motion": ("Hinge", "Poses", "Slide"),
-    "errors": ("HarnessError", "ProblemError", "SolveError", "Status"),
+    "errors": ("CompilerError", "HarnessError", "ProblemError", "SolveError", "Status"),
     "html_report": ("write_report",),
+    "machine_code": ("compiled",),
     "motion": ("simulate",),
     "multistart": ("equilibria",),
     "problem": (

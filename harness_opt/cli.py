@@ -5,7 +5,9 @@ The rooms that solve are imported inside the commands, so that help, ``schema`` 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import math
 import os
 import re
@@ -16,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .errors import HarnessError, ProblemError
+from .errors import CompilerError, HarnessError, ProblemError
 from .progress import Abandoned
 from .running import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
 
@@ -50,6 +52,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except ProblemError as error:
         _tell(*error.mistakes)
+        return BAD_INPUT
+    except CompilerError as error:  # one that worked when it was tried out
+        _tell(f"harness-opt: {error}; leave --compile out to do without")
         return BAD_INPUT
     except OSError as error:  # such as a full disk behind stdout
         _tell(f"harness-opt: {error.filename or 'output'}: {error.strerror or error}")
@@ -147,6 +152,28 @@ def _running(command: Callable[..., int]) -> Callable[..., int]:
     return command
 
 
+def _compiling(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the option that has functions compiled; where they can't be, say so and do without."""
+
+    @click.option(
+        "--compile", "machine", is_flag=True,
+        help="Have the system's C compiler make it faster, for some seconds the first time: same results.",
+    )  # fmt: skip
+    @functools.wraps(command)
+    def compiling(*arguments: Any, machine: bool, **options: Any) -> int:
+        with contextlib.ExitStack() as stack:
+            if machine:
+                from .machine_code import compiled
+
+                try:
+                    stack.enter_context(compiled())
+                except CompilerError as error:
+                    _tell(f"--compile: {error}; going on without: the results are the same")
+            return command(*arguments, **options)
+
+    return compiling
+
+
 def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     """Print the version, if ``wanted``, and end."""
     if wanted:
@@ -210,6 +237,7 @@ def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
 @_running
 @_folders
 @_seconds
+@_compiling
 @click.option("--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
 @click.option("--out-and-back", is_flag=True, help="Go through the motion and back: shows which snaps stay.")
 @click.option("--elements", type=click.IntRange(1, MOST_ELEMENTS), help="Least number of elements of a cable.")
@@ -258,6 +286,7 @@ def simulate(
 @_running
 @_folders
 @_seconds
+@_compiling
 @click.option(
     "--pareto", metavar="FIRST,SECOND",
     help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
@@ -300,6 +329,7 @@ def redesign(
     help="Folder of what it finds; results/<name of FILE> where left out.",
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
+@_compiling
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
 @_as_json
 @_folders

@@ -14,7 +14,7 @@ import numpy as np
 from . import rotations
 from .boundary import Boundary, Case
 from .continuation import STAGES, Solved, solve_on
-from .landing import sink, softened, solve_resting, stiffen, tighten
+from .landing import COILED, QUICK, TWISTED, Resting, sink, softened, solve_resting, stiffen, tighten
 from .rotations import Array
 from .shape import Rod
 from .stability import lowest_mode, stability, surely_stable
@@ -25,6 +25,7 @@ NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddl
 CURVE = 241  # places at which a starting curve is looked at
 PLACES = 8  # an element, at which a lost shape is looked at
 EASY = 0.1  # slack, in L, with which a taut cable is begun
+SAME = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
 STRAIGHT = 1e-8  # slack below which a cable is taken for straight
 
 
@@ -91,25 +92,66 @@ def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
 def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
     """Find a shape from the starting curve bowed to ``bow``; None where it comes to none.
 
+    Of a taut cable, three ways are tried: let go as it is, which does where its clamps point along it, or its clamp
+    layers are long enough for a curve through the ends; begun slack and soft in torsion, tightened while the turns are
+    nothing but twist, and stiffened; begun slack, stiffened until the turns have made loops, and tightened.
+
     Args:
         case, turns, bow, solver: as in :func:`cold_start`.
     """
     boundary, kind = case.boundary, case.boundary.kind
     slack = 1.0 - float(np.linalg.norm(boundary.gap))
-    taut = kind.start_position and kind.end_position and slack < EASY
-    if taut and slack > STRAIGHT:  # begun slack, and tightened
-        boundary = dataclasses.replace(boundary, gap=(1.0 - EASY) / (1.0 - slack) * boundary.gap)
-    _, q = starting_curve(boundary, CURVE, turns, bow)
-    boundary, case = _signed(boundary, q), dataclasses.replace(case, boundary=_signed(case.boundary, q))
-    s = np.linspace(0.0, 1.0, CURVE)
-    if taut and slack <= STRAIGHT:
-        return _straight(case, s, q, solver)
-    loose = dataclasses.replace(case, boundary=boundary)
-    resting = sink(softened(loose, s, q), s, q, np.zeros(3), gently=False)
-    resting = None if resting is None else stiffen(loose, resting)
-    if resting is not None and taut:
-        resting = tighten(case, resting)
+    if not (kind.start_position and kind.end_position and slack < EASY):
+        begun, s, q = _curve(case, boundary, turns, bow)
+        resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False)
+        return _solved(begun, None if resting is None else stiffen(begun, resting), solver)
+    begun, s, q = _curve(case, boundary, turns, bow)
+    if slack <= STRAIGHT:
+        return _straight(begun, s, q, solver)
+    resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=QUICK)
+    found = _solved(begun, None if resting is None else stiffen(begun, resting, QUICK), solver)
+    for coiled in (TWISTED, COILED):
+        if found is None:
+            found = _tightened(case, turns, bow, coiled, solver)
+    return found
+
+
+def _loose(boundary: Boundary) -> Boundary:
+    """Return ``boundary`` with a gap that leaves EASY for a slack, where it leaves less."""
+    kind, distance = boundary.kind, float(np.linalg.norm(boundary.gap))
+    if not (kind.start_position and kind.end_position and 1.0 - distance < EASY):
+        return boundary
+    return dataclasses.replace(boundary, gap=(1.0 - EASY) / distance * boundary.gap)
+
+
+def _tightened(case: Case, turns: int, bow: Array | None, coiled: float, solver: str) -> Solved | None:
+    """Find a shape from a curve between nearer ends; stiffened before it is tightened where it may have loops.
+
+    Args:
+        case, turns, bow, solver: as in :func:`cold_start`.
+        coiled: as in :func:`softened`.
+    """
+    begun, s, q = _curve(case, _loose(case.boundary), turns, bow)
+    case = dataclasses.replace(case, boundary=_signed(case.boundary, q))
+    soft = softened(begun, s, q, coiled)
+    resting = sink(soft, s, q, np.zeros(3), gently=False)
+    if resting is not None and coiled >= COILED:
+        soft, resting = begun, stiffen(begun, resting)
+    if resting is not None:
+        resting = tighten(dataclasses.replace(case, section=soft.section), resting)
+    if resting is not None:
+        resting = stiffen(case, resting, QUICK)
+    return _solved(case, resting, solver)
+
+
+def _solved(case: Case, resting: Resting | None, solver: str) -> Solved | None:
     return None if resting is None else solve_resting(case, resting, solver)
+
+
+def _curve(case: Case, boundary: Boundary, turns: int, bow: Array | None) -> tuple[Case, Array, Array]:
+    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these."""
+    _, q = starting_curve(boundary, CURVE, turns, bow)
+    return dataclasses.replace(case, boundary=_signed(boundary, q)), np.linspace(0.0, 1.0, CURVE), q
 
 
 def _signed(boundary: Boundary, q: Array) -> Boundary:
@@ -141,8 +183,12 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
         bow: direction to which that curve is bowed; None takes the load's, then others where that fails.
         solver: name.
     """
-    unstable = None
+    unstable, tried = None, list[Array]()
     for wish in _bows(case, bow):
+        curve = _curve(case, _loose(case.boundary), turns, wish)[2]
+        if any(np.allclose(curve, other, rtol=0.0, atol=SAME) for other in tried):
+            continue
+        tried.append(curve)
         found = from_curve(case, turns, wish, solver)
         if found is None:
             continue

@@ -93,6 +93,13 @@ class Solved:
         """The factorised Jacobian at the solution."""
         return factorise(self.bound.linearise(self.solution.x)[1])
 
+    @functools.cached_property
+    def estimate(self) -> tuple[float, Array]:
+        """What :func:`error_estimate` returns."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            defects = self.rod.defects()
+        return error_from_defects(self, *defects)
+
     @property
     def lasting(self) -> Factor | None:
         """A factorised Jacobian that serves for cases nearby too; None where there is none.
@@ -109,7 +116,7 @@ class Solved:
     def turned(self) -> bool:
         """Whether the end came out with the opposite sign: an odd number of whole turns away from the one asked for."""
         boundary = self.case.boundary
-        last = self.bound.quaternions(self.solution.x)[-1]
+        last = self.bound.last_quaternion(self.solution.x)
         return boundary.kind.end_orientation and float(last @ boundary.end_quaternion) < 0.0
 
 
@@ -140,7 +147,7 @@ def solve_on(
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
     # rounding grows with the loads that the moment equations carry, and turns long soft elements
     scale = _load_scale(case.load, x[-3:])
-    turned = ROUNDING * scale * float(np.max(mesh[1:] - mesh[:-1])) ** 2 / float(np.min(case.section.stiffness))
+    turned = ROUNDING * scale * float((mesh[1:] - mesh[:-1]).max()) ** 2 / float(case.section.stiffness.min())
     tolerance = residual * math.sqrt(scale) + turned
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
@@ -166,9 +173,7 @@ def error_estimate(solved: Solved) -> tuple[float, Array]:
     The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
     estimate is of the global error and needs no second solve. What the solver left of the equations counts too.
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        defects = solved.rod.defects()
-    return error_from_defects(solved, *defects)
+    return solved.estimate
 
 
 def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple[float, Array]:
@@ -284,7 +289,8 @@ def _trail(here: Solved, before: Solved | None) -> Trail:
 
 def turning(a: Array, b: Array) -> float:
     """Return the largest turning, rad, between quaternions (n, 4) of two shapes at the same places."""
-    return float(2.0 * np.max(np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))))
+    apart, across = (np.einsum("ni,ni->n", x, x) for x in (a - b, a + b))
+    return 2.0 * math.sqrt(float(np.minimum(apart, across).max()))
 
 
 def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: str) -> Solved | None:

@@ -44,6 +44,10 @@ class ProblemError(HarnessError):
         super().__init__("\n".join(self.mistakes))
 
 
+class CompilerError(HarnessError):
+    """Functions can't be compiled here; without that everything works the same, but slower."""
+
+
 class SolveError(HarnessError):
     """No shape was found.
 

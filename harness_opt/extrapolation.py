@@ -6,7 +6,7 @@ and their choice are those of the multistep methods (Hairer, Norsett, Wanner I, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,20 +32,21 @@ class Trail:
 
     def predictions(self, length: float) -> Array:
         """Return what each degree from 0 predicts a step of ``length`` further on, (degrees, m)."""
-        weights = _extrapolation(self.steps, length)
-        return np.array(weights) @ np.array(self.points)
+        return _extrapolation(self.steps, length) @ np.array(self.points)
 
     def extended(self, point: Array, length: float, predictions: Array) -> Trail:
         """Return the trail with ``point`` (m,), found ``length`` further on, where :meth:`predictions` were made."""
-        best = int(np.argmin(np.max(np.abs(predictions - point), axis=1)))
+        best = int(np.abs(predictions - point).max(axis=1).argmin())
         kept = self.points[:MOST_DEGREE]
         # where the highest degree did best, one more may do better yet
         degree = max(1, best + 1 if best == len(self.points) - 1 else best)
         return Trail((point, *kept), (length, *self.steps[: len(kept) - 1]), min(degree, len(kept)))
 
 
-def _extrapolation(steps: Sequence[float], length: float) -> list[list[float]]:
-    """Return the weights of the points for each degree: Lagrange's formula, ``length`` beyond the newest."""
+@functools.lru_cache(maxsize=64)  # frames follow each other evenly
+def _extrapolation(steps: tuple[float, ...], length: float) -> Array:
+    """Return the weights of the points for each degree, (degrees, points): Lagrange's formula, ``length`` beyond the
+    newest."""
     distances = [length]  # from the points to where is predicted
     for step in steps:
         distances.append(distances[-1] + step)
@@ -57,4 +58,4 @@ def _extrapolation(steps: Sequence[float], length: float) -> list[list[float]]:
             newest *= near / (near - far)
         row.append(newest)
         rows.append(row + [0.0] * (len(steps) - degree))
-    return rows
+    return np.array(rows)

@@ -19,6 +19,8 @@ from .continuation import (
     NEAR,
     Solved,
     error_estimate,
+    error_from_defects,
+    finer_mesh,
     follow,
     refine,
     refined_mesh,
@@ -41,6 +43,8 @@ JUMP = 0.2  # rad, largest turning of a section at the place of a loss above whi
 COARSEST = 0.2  # smallest step in the search for that place: it halves the way itself
 MOST_LOSSES = 8  # between two frames
 LANDED = 1e-5  # estimated error, in L, of a shape that a cable is taken to land in
+RESOLVED = 1e-4  # estimated error, in L, that a mesh is made for where a frame shows that the last one was too coarse
+MOST_MESHES = 20  # for one motion
 LATER = 4  # times over further on that a landing is tried where there is none at the place of the loss itself
 
 Progress = Callable[[str, int, int], None]
@@ -68,6 +72,8 @@ class Follower:
         self.ends = problem.ends(name, motion)
         self.frames = self._no_frames()
         self.snaps: list[tuple[int, float]] = []
+        self._resolved = 0  # frames that are known to be resolved by their mesh
+        self._meshes = 0  # that were made finer for the frames on them
 
     def run_all(
         self, first: Rod | None, guesses: Sequence[Solved | None] | None, *, check: bool = True
@@ -85,31 +91,36 @@ class Follower:
         if begin is None:
             return Status.NO_START, self._failure(0, "no shape joins its two ends there")
         self.frames.append(begin)
-        while True:
+        while self.frames and self._meshes <= MOST_MESHES:
+            lost, why = None, "the shape was lost and no stable one found again"
             while len(self.frames) < total and not (check and len(self.frames) - checked >= BATCH):
-                k = len(self.frames)
-                solved = self._advance(given[k]) or self._lose(k)
+                solved = self._advance(given[len(self.frames)])
                 if solved is None:
-                    return Status.STEP_TOO_SMALL, self._failure(k, "the shape was lost and no stable one found again")
+                    lost = len(self.frames)
+                    break
                 self._append(solved)
+                checked = min(checked, len(self.frames))
                 if self.progress:
                     self.progress(self.name, len(self.frames), total)
-            # a cable that was lost on the way to the last frame leaves none to check
-            lost = self._first_unstable(checked) if check and checked < len(self.frames) else None
-            if lost is None:
-                checked = len(self.frames)
-                if checked == total:
-                    return Status.OK, ""
+            if check and self._refine_coarse():
+                checked = min(checked, len(self.frames))
                 continue
-            self.frames.cut(lost)
-            self.snaps = [(frame, at) for frame, at in self.snaps if frame < lost]
-            landed = self._lose(lost)
-            if landed is None:
-                return Status.STEP_TOO_SMALL, self._failure(
-                    lost, "the shape became unstable and no stable one was found"
-                )
-            self._append(landed)
-            checked = lost + 1
+            # a cable that was lost on the way to the last frame leaves none to check
+            unstable = self._first_unstable(checked) if check and checked < len(self.frames) else None
+            if unstable is not None:
+                lost, why = unstable, "the shape became unstable and no stable one was found"
+                self._cut(lost)
+            if lost is not None:
+                landed = self._lose(lost)
+                if landed is None:
+                    return Status.STEP_TOO_SMALL, self._failure(lost, why)
+                self._append(landed)
+                checked = len(self.frames)
+            elif len(self.frames) == total:
+                return Status.OK, ""
+            else:
+                checked = len(self.frames)
+        return Status.STEP_TOO_SMALL, self._failure(len(self.frames), "no mesh serves for the frames before it too")
 
     def _case(self, ends: tuple[End, End], near: Case | None) -> Case:
         """Return the case of ``ends``, its quaternions signed like those of ``near``."""
@@ -137,7 +148,9 @@ class Follower:
         return cold_start(self._case(self.ends[0], None), self.run.end.turns, bow, self.solver)
 
     def _refined(self, first: Solved | None) -> Solved | None:
-        """Return the first shape on as many elements as were asked for; None where there is none."""
+        """Return the first shape resolved, on as many elements as were asked for; None where there is none."""
+        if first is not None and first.ok:
+            first = refine(first, RESOLVED, self.solver)[0]
         if first is not None and first.ok and self.elements >= len(first.bound.mesh):
             finer = next((m for m in ELEMENTS if m >= self.elements), ELEMENTS[-1])
             mesh = refined_mesh(first.bound.mesh, error_estimate(first)[1], finer)
@@ -221,7 +234,10 @@ class Follower:
         return None, beyond
 
     def _append(self, solved: Solved) -> None:
-        """Add a frame; all frames are on one mesh, so one that needed a finer mesh takes the others along."""
+        """Add a frame; all frames are on one mesh, so one that needed a finer mesh takes the others along.
+
+        Where one of these gets lost by that, it and those behind it are to be solved again, the new one too.
+        """
         mesh = solved.bound.mesh
         if self.frames and not np.array_equal(mesh, self.frames[-1].bound.mesh):
             old = self.frames[-1].bound.mesh
@@ -230,11 +246,59 @@ class Follower:
             if same and error_estimate(again)[0] < COARSE:
                 solved = again
             else:
-                finer = self._no_frames()
-                for f in self.frames:
-                    finer.append(solve_on(f.case, mesh, resample(f.rod, mesh), self.solver))
-                self.frames = finer
+                if len(mesh) < len(old):
+                    mesh = refined_mesh(mesh, error_estimate(solved)[1], len(old) - 1)
+                    solved = solve_on(solved.case, mesh, resample(solved.rod, mesh), self.solver)
+                if not self._take_along(mesh, len(self.frames)):
+                    return
         self.frames.append(solved)
+
+    def _take_along(self, mesh: Array, count: int) -> bool:
+        """Solve the first ``count`` frames on another mesh, as far as they stay what they are, and drop the others.
+
+        Returns whether all of them came along.
+        """
+        again = self._no_frames()
+        for frame in self.frames[:count]:
+            solved = solve_on(frame.case, mesh, resample(frame.rod, mesh), self.solver)
+            if not solved.ok or turning(solved.rod.q, frame.rod.sample(mesh).q) > NEAR:
+                break
+            again.append(solved)
+        self.frames, self._resolved = again, 0
+        self._meshes += 1
+        self._drop_snaps()
+        return len(again) == count
+
+    def _cut(self, count: int) -> None:
+        """Keep the first ``count`` frames alone."""
+        self.frames.cut(count)
+        self._resolved = min(self._resolved, count)
+        self._drop_snaps()
+
+    def _drop_snaps(self) -> None:
+        """Forget snaps on the way to frames that are not there any more."""
+        self.snaps = [(frame, at) for frame, at in self.snaps if frame < len(self.frames)]
+
+    def _refine_coarse(self) -> bool:
+        """Go back to before the first frame that the mesh is too coarse for, on a finer one; return whether there is.
+
+        What is followed on too coarse a mesh leads to shapes that the cable does not have.
+        """
+        mesh, frames = self.frames[0].bound.mesh, self.frames[self._resolved :]
+        if not frames:
+            return False
+        with np.errstate(over="ignore", invalid="ignore"):
+            defects = batch(frames).defects()
+        local = np.zeros(len(mesh) - 1)
+        for k, frame in enumerate(frames):
+            error, own = error_from_defects(frame, *(d[k] for d in defects))
+            local = np.maximum(local, own)
+            finer = finer_mesh(mesh, local, error / RESOLVED, np.inf) if error > COARSE else None
+            if finer is not None:
+                self._take_along(finer, max(1, self._resolved + k))
+                return True
+        self._resolved = len(self.frames)
+        return False
 
     def _swing_start(self, landed: Solved, where: float) -> bool:
         """Replace a first frame that may turn freely by the member of its family that leads to ``landed``.
@@ -247,7 +311,7 @@ class Follower:
         energy = float(first.rod.energy())
         if reached != start or abs(float(swung.rod.energy()) - energy) > SAME_ENERGY * (1.0 + abs(energy)):
             return False
-        self.frames = self._no_frames()
+        self.frames, self._resolved = self._no_frames(), 0
         self._append(swung)
         return True
 

@@ -20,11 +20,13 @@ BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a
 LAYER, DECAYED = 1.0, 18.0  # decay lengths: of an element at the foot of a layer, and after which 1e-8 of it is left
 LOOSE = 1.6  # how far a chain may miss that at rest
 SPREAD, GROWTH = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
+ROWS = 64  # of distances between places, looked at together: what a processor keeps at hand
 SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: of a cable that sinks gently, of one that only looks for rest
 WORK = 60_000  # elements times steps that a descent may take: some seconds
+QUICK = 8_000  # the same for a descent that another one can stand in for
 STANDSTILL = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
 WARM_SHIFT = 1e-3  # first shift of a descent that goes on from rest
-COILED = 100.0  # rad in its length, of the waves M / k that a cable which is let go may bend in
+COILED, TWISTED = 100.0, 6.0  # rad in its length, of the waves M / k that it may bend in, and that it hardly does in
 STIFFEN = 4.0  # factor by which a march makes it stiffer in torsion
 TIGHTEN = 2.0  # factor by which a march makes a cable tauter
 LEAST_TIGHTEN = 1.1
@@ -49,7 +51,7 @@ class Resting:
     multipliers: Array
 
 
-def sink(case: Case, s: Array, q: Array, force: Array, *, gently: bool) -> Resting | None:
+def sink(case: Case, s: Array, q: Array, force: Array, *, gently: bool, work: int = WORK) -> Resting | None:
     """Let a cable go from a shape to a minimum of its energy nearby; None where none was reached.
 
     Moments given at the ends are left out.
@@ -59,6 +61,7 @@ def sink(case: Case, s: Array, q: Array, force: Array, *, gently: bool) -> Resti
         s, q: arc lengths (m,) and quaternions (m, 4) of the shape, close enough for a straight look between them.
         force: guess of the internal force at the end, (3,).
         gently: in short steps, as a real cable sinks through a viscous medium; else in long ones.
+        work: elements times steps that it may take.
     """
     spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
     middles = 0.5 * (s[1:] + s[:-1])
@@ -66,7 +69,7 @@ def sink(case: Case, s: Array, q: Array, force: Array, *, gently: bool) -> Resti
     chain = Chain(case.section, case.load, case.boundary, mesh)
     nodes = chain.held(_between(s, q, chain.nodes))
     multipliers = force if chain.closed else chain.multipliers
-    return _rest(chain, nodes, multipliers, FIRST_SHIFT, SMALL_STEP if gently else LONG_STEP)
+    return _rest(chain, nodes, multipliers, FIRST_SHIFT, SMALL_STEP if gently else LONG_STEP, work)
 
 
 def _between(s: Array, q: Array, wanted: Array) -> Array:
@@ -84,8 +87,13 @@ def _fitted(s: Array, density: Array) -> Array:
     """
     fine = np.unique(np.concatenate([s, np.linspace(0.0, 1.0, 8 * ELEMENTS[0] + 1)]))
     size = 1.0 / np.maximum(np.interp(fine, s, density), ELEMENTS[0])
-    apart = np.abs(fine[:, None] - fine)
-    size = np.min(size + GROWTH * np.maximum(0.0, apart - SPREAD * size), axis=1)
+    # size + GROWTH max(0, distance - SPREAD size), of whatever asks for least
+    grown, begun = GROWTH * fine, (1.0 - GROWTH * SPREAD) * size
+    spread = [
+        np.min(np.maximum(size, np.abs(grown[i : i + ROWS, None] - grown) + begun), axis=1)
+        for i in range(0, len(fine), ROWS)
+    ]
+    size = np.concatenate(spread)
     run = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 2.0 / (size[1:] + size[:-1]))])
     count = next((n for n in ELEMENTS if n >= run[-1]), ELEMENTS[-1])
     return np.interp(np.linspace(0.0, run[-1], count + 1), run, fine)
@@ -140,9 +148,8 @@ def _layers(resting: Resting, bending: Array) -> tuple[Array, Array]:
     return s, density
 
 
-def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: float) -> Resting | None:
+def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: float, work: int = WORK) -> Resting | None:
     """Descend on ``chain``, and on others made to fit, until one that fits is at rest; None where that fails."""
-    work = WORK
     room = _slack(chain.boundary) if chain.closed else 1.0
     standstills = 0
     while True:
@@ -173,7 +180,7 @@ def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: flo
         chain = finer
 
 
-def softened(case: Case, s: Array, q: Array) -> Case:
+def softened(case: Case, s: Array, q: Array, coiled: float) -> Case:
     """Return ``case`` with so little torsional stiffness that a curve does not coil up where it is let go.
 
     A twisted cable bends first in waves as short as M / k allows, and many turns of one that is stiff in torsion would
@@ -182,24 +189,30 @@ def softened(case: Case, s: Array, q: Array) -> Case:
     Args:
         case: the cable and what holds it.
         s, q: arc lengths (m,) and quaternions (m, 4) of the curve.
+        coiled: what is left of those waves, rad in its length.
     """
     spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
     stiffness = case.section.stiffness
     waves = stiffness[2] * float(np.max(np.abs(spin[:, 2] / np.diff(s)))) / float(np.min(stiffness[:2]))
-    if waves <= COILED:
+    if waves <= coiled:
         return case
-    soft = np.array([*stiffness[:2], stiffness[2] * COILED / waves])
+    soft = np.array([*stiffness[:2], stiffness[2] * coiled / waves])
     return dataclasses.replace(case, section=dataclasses.replace(case.section, stiffness=soft))
 
 
-def stiffen(case: Case, resting: Resting) -> Resting | None:
-    """Take a :func:`softened` cable at rest to the stiffness of ``case``, from minimum to minimum; None if in vain."""
+def stiffen(case: Case, resting: Resting, work: int = WORK) -> Resting | None:
+    """Take a :func:`softened` cable at rest to the stiffness of ``case``, from minimum to minimum; None if in vain.
+
+    Args:
+        case, resting: as above.
+        work: elements times steps that each minimum may take.
+    """
     stiffness = resting.chain.section.stiffness
     while stiffness[2] < case.section.stiffness[2]:
         stiffness = np.minimum(stiffness * (1.0, 1.0, STIFFEN), case.section.stiffness)
         section = dataclasses.replace(case.section, stiffness=stiffness)
-        chain = Chain(section, case.load, resting.chain.boundary, resting.chain.mesh)
-        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, LONG_STEP)
+        chain = Chain(section, case.load, resting.chain.boundary, resting.chain.mesh, exact=resting.chain.exact)
+        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, LONG_STEP, work)
         if found is None:
             return None
         resting = found

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from . import design_variables
 from .results import LimitResult, Motion
-from .trade_off_files import trade_off_summary
 
 if TYPE_CHECKING:
     from .outer_loop import Redesign
@@ -32,6 +31,8 @@ def redesign_summary(result: Motion | Redesign, limit_words: LimitWords) -> Json
         result: a redesign, or the motion of the design given where that could not be simulated.
         limit_words: a limit's row as the summary has it.
     """
+    from .trade_off_files import trade_off_summary  # a simulation needs none of the rooms behind it
+
     if isinstance(result, Motion):  # no other design was looked for
         problem = result.problem
         given = zip(problem.design.variables, design_variables.values(problem), strict=True)

@@ -12,10 +12,12 @@ so that F(s) = F0 - f s needs three unknowns in all. (9) is the second equation 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from . import rotations
 from .problem import Cable
@@ -95,11 +97,6 @@ def darboux(moment: ca.SX, section_frame: ca.SX, stiffness: ca.SX, rest_curvatur
     return ca.mtimes(section_frame.T, moment) / stiffness + rest_curvature
 
 
-def _cauchy_cross(a: list[Array], b: list[Array]) -> Array:
-    """Return the coefficient of order len(a) - 1 of the product series a x b."""
-    return np.sum(rotations.cross(np.stack(a), np.stack(b[::-1])), axis=0)
-
-
 @dataclass(frozen=True)
 class Series:
     """Power series in arc length of a rod's state about given points; leading axes of any shape.
@@ -116,6 +113,33 @@ class Series:
     omega: Array
 
 
+_Q, _FORCE, _MOMENT, _OMEGA = slice(0, 4), slice(4, 7), slice(7, 10), slice(10, 13)  # of a state in the section frame
+_STATE = 13
+
+
+@functools.cache
+def _quadratic() -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
+    """Return the quadratic part of a rod's equations in the section frame.
+
+    Which entries of two states are multiplied, (T,) each; what the products give the rates of q, r, force and moment,
+    (T, 13); and what they give that of the force per load, (T, 3, 3).
+    """
+    x, y = np.broadcast_arrays(np.eye(_STATE)[:, None], np.eye(_STATE))
+    q, p, spin = x[..., _Q], y[..., _Q], y[..., _OMEGA]
+    turning = 0.5 * rotations.multiply(q, np.concatenate([np.zeros((_STATE, _STATE, 1)), spin], axis=-1))
+    frame = 0.5 * (rotations.matrix(q + p) - rotations.matrix(q) - rotations.matrix(p))
+    force, moment = (rotations.cross(x[..., part], spin) for part in (_FORCE, _MOMENT))
+    rates = np.concatenate([turning, frame[..., 2], force, moment], axis=-1)
+    loaded = -np.swapaxes(frame, -1, -2)
+    for table in (rates, loaded):  # q_a q_b and q_b q_a are the same
+        among = table[_Q, _Q]
+        among += np.swapaxes(among, 0, 1).copy()
+        among[np.tril_indices(4, -1)] = 0.0
+        among[np.diag_indices(4)] *= 0.5
+    left, right = np.nonzero(np.any(rates, axis=-1) | np.any(loaded, axis=(-1, -2)))
+    return left, right, rates[left, right], loaded[left, right]
+
+
 def series(q: Array, r: Array, force: Array, moment: Array, section: Section, load: Array, order: int) -> Series:
     """Expand the exact rod through the given states by recurrence on its equations.
 
@@ -128,48 +152,32 @@ def series(q: Array, r: Array, force: Array, moment: Array, section: Section, lo
         load: f in the world frame, (3,).
         order: K, highest power.
     """
-    inverse = rotations.conjugate(q)
-    weightless = not np.any(load)
-    qs, rs = [np.asarray(q, dtype=float)], [np.asarray(r, dtype=float)]
-    forces, moments = [rotations.rotate(inverse, force)], [rotations.rotate(inverse, moment)]
-    omegas: list[Array] = []
-    e3 = np.array([0.0, 0.0, 1.0])
+    left, right, weights, loaded = _quadratic()
+    if np.any(load):
+        weights = weights.copy()
+        weights[:, 7:10] += loaded @ load
+    q = np.asarray(q, dtype=float)
+    inverse, lead = rotations.conjugate(q), q.shape[:-1]
+    state, position = np.empty((order + 1, *lead, _STATE)), np.empty((order + 1, *lead, 3))
+    state[0, ..., _Q], position[0] = q, r
+    state[0, ..., _FORCE], state[0, ..., _MOMENT] = rotations.rotate(inverse, force), rotations.rotate(inverse, moment)
+    first, second = (np.empty((order + 1, *lead, len(left))) for _ in range(2))
     for k in range(order + 1):
-        rest = section.rest_curvature if k == 0 else 0.0
-        omegas.append(moments[k] / section.stiffness + rest)
+        here = state[k]
+        np.divide(here[..., _MOMENT], section.stiffness, out=here[..., _OMEGA])
+        if k == 0:
+            here[..., _OMEGA] += section.rest_curvature
         if k == order:
             break
-        left, right = np.stack(qs), np.stack(qs[::-1])
-        a, b, c, d = (left[..., i] for i in range(4))
-        a2, b2, c2, d2 = (right[..., i] for i in range(4))
-        d3 = np.stack(
-            [
-                2 * np.sum(b * d2 + a * c2, axis=0),
-                2 * np.sum(c * d2 - a * b2, axis=0),
-                np.sum(a * a2 - b * b2 - c * c2 + d * d2, axis=0),
-            ],
-            axis=-1,
-        )
-        omega = np.stack(omegas[::-1])
-        scalar = -np.sum(left[..., 1:] * omega, axis=(0, -1))[..., None]
-        vector = np.sum(left[..., :1] * omega + rotations.cross(left[..., 1:], omega), axis=0)
-        force_rate = _cauchy_cross(forces, omegas)
-        if not weightless:
-            # R^T f from the same products of quaternion coefficients as d3, with the transposed matrix
-            force_rate = force_rate - _section_load(left, right, load)
-        qs.append(0.5 * np.concatenate([scalar, vector], axis=-1) / (k + 1))
-        rs.append(d3 / (k + 1))
-        forces.append(force_rate / (k + 1))
-        moments.append((_cauchy_cross(moments, omegas) + rotations.cross(forces[k], e3)) / (k + 1))
-    return Series(np.stack(qs), np.stack(rs), np.stack(forces), np.stack(moments), np.stack(omegas))
-
-
-def _section_load(left: Array, right: Array, load: Array) -> Array:
-    """Return the coefficient of R^T f whose quaternion coefficients are ``left`` and reversed ``right``."""
-    scalar = np.sum(left[..., 0] * right[..., 0] - np.sum(left[..., 1:] * right[..., 1:], axis=-1), axis=0)
-    along = np.sum(left[..., 1:] * np.sum(right[..., 1:] * load, axis=-1, keepdims=True), axis=0)
-    across = rotations.cross(np.sum(left[..., :1] * right[..., 1:], axis=0), load)
-    return scalar[..., None] * load + 2.0 * along - 2.0 * across
+        first[k], second[k] = here[..., left], here[..., right]
+        rates = np.einsum("k...t,k...t->...t", first[: k + 1], second[k::-1]) @ weights
+        rates[..., 10] += here[..., 5]  # F x e3
+        rates[..., 11] -= here[..., 4]
+        rates /= k + 1
+        position[k + 1] = rates[..., 4:7]
+        state[k + 1, ..., _Q] = rates[..., :4]
+        state[k + 1, ..., 4:10] = rates[..., 7:]
+    return Series(state[..., _Q], position, state[..., _FORCE], state[..., _MOMENT], state[..., _OMEGA])
 
 
 def evaluate(coefficients: Array, distance: Array) -> Array:

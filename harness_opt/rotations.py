@@ -38,7 +38,9 @@ def cross(a: Array, b: Array) -> Array:
     """Return a x b (..., 3) of arrays (..., 3): what ``numpy.cross`` gives, without its overhead on small arrays."""
     a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
     b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+    out = np.empty(np.broadcast(a, b).shape)
+    out[..., 0], out[..., 1], out[..., 2] = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    return out
 
 
 def cross_matrix(v: ArrayLike) -> Array:
@@ -54,9 +56,13 @@ def cross_matrix(v: ArrayLike) -> Array:
 def multiply(p: ArrayLike, q: ArrayLike) -> Array:
     """Return the Hamilton product ``p q`` (..., 4): first ``q`` turns, then ``p``."""
     p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
-    scalar = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
-    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + cross(p[..., 1:], q[..., 1:])
-    return np.concatenate([scalar, vector], axis=-1)
+    (a, b, c, d), (e, f, g, h) = ([x[..., i] for i in range(4)] for x in (p, q))
+    out = np.empty(np.broadcast(p, q).shape)
+    out[..., 0] = a * e - b * f - c * g - d * h
+    out[..., 1] = a * f + b * e + c * h - d * g
+    out[..., 2] = a * g + c * e + d * f - b * h
+    out[..., 3] = a * h + d * e + b * g - c * f
+    return out
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:

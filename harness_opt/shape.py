@@ -61,7 +61,14 @@ class Rod:
     moment: Array
 
     def series(self) -> rod.Series:
-        """Return the power series about every node."""
+        """Return the power series about every node; that of one shape is kept, those of many would be much memory."""
+        return self._series if self.q.ndim == 2 else self._expanded()
+
+    @functools.cached_property
+    def _series(self) -> rod.Series:
+        return self._expanded()
+
+    def _expanded(self) -> rod.Series:
         return rod.series(self.q, self.r, self.force, self.moment, self.section, self.load, SERIES_ORDER)
 
     @functools.cached_property

@@ -8,8 +8,6 @@ spread evenly along it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from . import rotations
@@ -17,6 +15,8 @@ from .boundary import Boundary
 from .rotations import Array
 
 FINE = 241  # points for measuring the length of the curve
+LEAST = 1e-15  # length below which a vector has no direction
+ROUNDS = 60  # of Newton's method: where slack is lost, each only halves what is left
 LEAST_PULL = 0.1  # end slope of the cubic that still holds the tangents at the ends
 DIRECT = 0.75  # end distance taken for a cable whose gap is not given, in lengths
 
@@ -43,11 +43,23 @@ def _sideways(gap: Array, t0: Array, t1: Array, wish: Array) -> Array:
     raise AssertionError("of two perpendicular directions one has a part across any axis")
 
 
-def _bisect(too_long: Callable[[float], bool], low: float, high: float) -> float:
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if too_long(middle) else (middle, high)
-    return 0.5 * (low + high)
+def _of_unit_length(base: Array, extra: Array, most: float) -> float:
+    """Return a in 0..``most`` with which ``base`` + a ``extra``, points (m, 3) both, has the length 1.
+
+    The length is convex in a, at most 1 without ``extra`` and more with ``most`` of it; so Newton's method comes down
+    to it from there without a safeguard.
+    """
+    edges, changes = np.diff(base, axis=0), np.diff(extra, axis=0)
+    a = most
+    for _ in range(ROUNDS):
+        there = edges + a * changes
+        lengths = np.linalg.norm(there, axis=1)
+        slope = float(np.sum(np.sum(there * changes, axis=1) / np.maximum(lengths, LEAST)))
+        step = (float(np.sum(lengths)) - 1.0) / slope if slope > 0.0 else 0.0
+        a -= step
+        if step <= LEAST * most:
+            break
+    return max(a, 0.0)
 
 
 def _pull(gap: Array, t0: Array, t1: Array) -> float:
@@ -68,16 +80,14 @@ def _unit_length_points(gap: Array, t0: Array, t1: Array, wish: Array) -> Array:
     """Return points (FINE, 3) of a curve of length 1 from 0 to ``gap`` that starts along t0 and ends along t1."""
     u = np.linspace(0.0, 1.0, FINE)
 
-    def plain(pull: float) -> Array:
-        return _hermite(gap, t0, t1, pull, u)
-
-    most = _pull(gap, t0, t1)
-    if _length(plain(most)) > 1.0:
-        return plain(_bisect(lambda pull: _length(plain(pull)) > 1.0, 0.0, most))
+    most, straight = _pull(gap, t0, t1), _hermite(gap, t0, t1, 0.0, u)
+    plain = _hermite(gap, t0, t1, most, u)
+    if _length(plain) > 1.0:
+        pulled = _hermite(gap, t0, t1, 1.0, u) - straight
+        return straight + _of_unit_length(straight, pulled, most) * pulled
     side = _sideways(gap, t0, t1, wish)
     bump = np.sin(np.pi * u[:, None]) ** 2 * side  # level at both ends, so that the tangents stay
-    height = _bisect(lambda a: _length(plain(most) + a * bump) > 1.0, 0.0, 1.0)
-    return plain(most) + height * bump
+    return plain + _of_unit_length(plain, bump, 1.0) * bump
 
 
 def _resample(points: Array, s: Array) -> Array:
@@ -93,21 +103,35 @@ def rotation_minimising(points: Array, tangents: Array, first: Array) -> Array:
         points, tangents: (m, 3), tangents of unit length.
         first: the first frame; its d3 is the first tangent.
     """
-    frames = [np.asarray(first, dtype=float)]
-    d1 = rotations.rotate(first, np.array([1.0, 0.0, 0.0]))
-    for i in range(len(points) - 1):
-        v = points[i + 1] - points[i]
-        c = max(float(v @ v), 1e-30)
-        d1_left = d1 - 2.0 / c * (v @ d1) * v
-        t_left = tangents[i] - 2.0 / c * (v @ tangents[i]) * v
-        w = tangents[i + 1] - t_left
-        c = max(float(w @ w), 1e-30)
-        d1 = d1_left - 2.0 / c * (w @ d1_left) * w
-        d3 = tangents[i + 1]
-        d1 = rotations.normalise(d1 - d3 * (d3 @ d1))
-        q = rotations.from_matrix(np.column_stack([d1, np.cross(d3, d1), d3]))
-        frames.append(q if q @ frames[-1] >= 0 else -q)
-    return np.array(frames)
+    v = np.diff(points, axis=0)
+    left = _reflected(tangents[:-1], v)
+    # two reflections one after the other are one turn: w (v x v) w = (w v) x (w v)*
+    turns = rotations.multiply(_pure(tangents[1:] - left), _pure(v))
+    size = np.linalg.norm(turns, axis=1)
+    lost = size < LEAST  # points that coincide, or a tangent that turns back
+    turns[lost], size[lost] = rotations.shortest_arc(tangents[:-1][lost], tangents[1:][lost]), 1.0
+    turns *= np.where(turns[:, :1] < 0.0, -1.0, 1.0) / size[:, None]  # of both quaternions the one nearer to no turn
+    return rotations.multiply(_run(np.concatenate([[rotations.IDENTITY], turns])), np.asarray(first, dtype=float))
+
+
+def _pure(v: Array) -> Array:
+    """Return vectors (..., 3) as quaternions (..., 4)."""
+    return np.concatenate([np.zeros((*v.shape[:-1], 1)), v], axis=-1)
+
+
+def _reflected(t: Array, v: Array) -> Array:
+    """Return vectors ``t`` (m, 3) reflected in planes across ``v`` (m, 3)."""
+    square = np.maximum(np.sum(v * v, axis=1, keepdims=True), LEAST**2)
+    return t - 2.0 / square * np.sum(v * t, axis=1, keepdims=True) * v
+
+
+def _run(turns: Array) -> Array:
+    """Return the products (m, 4) of all ``turns`` (m, 4) up to each, the first one first, in log2(m) rounds."""
+    reach = 1
+    while reach < len(turns):
+        turns = np.concatenate([turns[:reach], rotations.multiply(turns[reach:], turns[:-reach])])
+        reach *= 2
+    return rotations.normalise(turns)
 
 
 def _chord_and_tangents(boundary: Boundary, wish: Array) -> tuple[Array, Array, Array]:

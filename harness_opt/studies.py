@@ -19,7 +19,7 @@ from .file_values import one_of, shown
 from .problem import Problem
 from .quantities import Quantities, quantities_of
 from .study_store import Store
-from .variant_run import LOST, VariantResult, run_variant
+from .variant_run import LOST, VariantResult, variant_runner
 from .variations import Values, Variations, expand
 from .workbench import COMMANDS, Command, Shared
 from .workers import Crew, Finished
@@ -87,7 +87,7 @@ def study(
         HarnessError: while iterating: the workers of ``executor`` are gone; what was finished is in the store.
     """
     planned = plan(problem, variations, command)
-    return run(planned, Crew(run_variant, executor, workers, stop), Store(None if store is None else Path(store)))
+    return run(planned, Crew(variant_runner(), executor, workers, stop), Store(None if store is None else Path(store)))
 
 
 def run(planned: Plan, crew: Crew, store: Store) -> Iterator[VariantResult]:

@@ -53,7 +53,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     from .studies import plan, run
     from .study_file import read_study
     from .study_store import Store
-    from .variant_run import VariantResult, run_variant
+    from .variant_run import VariantResult, variant_runner
     from .workers import Crew
 
     study = read_study(file)
@@ -63,7 +63,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     results: list[VariantResult] = []
     broken = ""
     with Interrupts(voice.warn, words=STOPPING) as interrupts, _executor(asked, planned.shared) as executor:
-        crew = Crew(run_variant, executor, asked.workers, lambda: interrupts.asked)
+        crew = Crew(variant_runner(), executor, asked.workers, lambda: interrupts.asked)
         with progress_for(interrupts, None if asked.quiet else sys.stderr, "done") as progress:
             try:
                 for result in run(planned, crew, Store(folder / STORE)):

@@ -6,15 +6,17 @@ meshes, the CasADi functions. Same values, same row, whatever ran before.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from .errors import ProblemError
+from .errors import CompilerError, ProblemError
 from .limits import all_limits
+from .machine_code import compiled, wanted
 from .motion import simulate
 from .problem import Problem
 from .redesign_summary import FILE_WORDS
@@ -99,6 +101,19 @@ def run_variant(shared: Shared, number: int, values: Mapping[str, Any]) -> Varia
         except Exception as error:  # whatever breaks one variant is its row, and no reason to lose the others
             result = VariantResult(number, key, values, FAILED, f"{type(error).__name__}: {error}")
         return dataclasses.replace(result, seconds=time.perf_counter() - begin)
+
+
+def run_compiled_variant(shared: Shared, number: int, values: Mapping[str, Any]) -> VariantResult:
+    """Return what :func:`run_variant` does, by machine code where this worker can have it."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(CompilerError):  # as fast as it gets here; the results are the same
+            stack.enter_context(compiled())
+        return run_variant(shared, number, values)
+
+
+def variant_runner() -> Callable[[Shared, int, Mapping[str, Any]], VariantResult]:
+    """Return what runs a variant on a worker, by machine code where that is wanted here."""
+    return run_compiled_variant if wanted() else run_variant
 
 
 def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> VariantResult:

@@ -17,7 +17,7 @@ from .robust import Yield, smallest
 from .scene import load_scene
 from .studies import plan, run
 from .study_store import Store
-from .variant_run import run_variant
+from .variant_run import variant_runner
 from .variations import Variations
 from .workers import Crew
 
@@ -64,7 +64,7 @@ def measured(
     variations = Variations("monte carlo", dict(robust.tolerances), robust.samples, robust.seed)
     planned = plan(problem, variations)
     results = []
-    for result in run(planned, Crew(run_variant, executor), Store(None)):
+    for result in run(planned, Crew(variant_runner(), executor), Store(None)):
         results.append(result)
         if progress is not None:
             progress(f"tolerances, {words}", len(results), robust.samples)

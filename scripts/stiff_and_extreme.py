@@ -462,8 +462,8 @@ def grid(*, coarse: bool) -> list[Case]:
 # --- tables and pictures --------------------------------------------------------------------------------
 
 
-def write_csv(rows: Iterable[Row], path: Path) -> None:
-    """Write every row, failures too."""
+def written(rows: Iterable[Row], path: Path) -> Iterator[Row]:
+    """Yield every row, failures too, once it stands in the file."""
     described = ("name", "kz_kx", "kx_ky", "weight", "distance", "turns", "length", "clamps")
     own = [field.name for field in dataclasses.fields(Row) if field.name != "case"]
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -473,6 +473,8 @@ def write_csv(rows: Iterable[Row], path: Path) -> None:
             table.writerow(
                 [*(getattr(row.case, key) for key in described), row.outcome, *(getattr(row, key) for key in own)]
             )
+            file.flush()
+            yield row
 
 
 def summary(rows: list[Row]) -> str:
@@ -555,6 +557,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", dest="folder", metavar="DIR", type=Path, default=Path("results/stiff_and_extreme"))
     parser.add_argument("--quick", action="store_true", help="a coarse grid by one method and 12 random cases")
+    parser.add_argument("--part", choices=("grid", "random"), help="only one of the two")
     parser.add_argument("--random", type=int, metavar="N", help="how many random cases (default 2000, or 12)")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--case", type=int, metavar="K", help="only random case K, in words")
@@ -581,12 +584,13 @@ def main() -> None:
     }
     options.folder.mkdir(parents=True, exist_ok=True)
     for name, jobs in studies.items():
+        if options.part not in (None, name):
+            continue
         rows: list[Row] = []
-        for row in run(jobs, options.jobs, limit):
+        for row in written(run(jobs, options.jobs, limit), options.folder / f"{name}.csv"):
             rows.append(row)
             print(f"\r{name}: {len(rows)} of {len(jobs)}", end="", flush=True)
         print()
-        write_csv(rows, options.folder / f"{name}.csv")
         print(summary(rows))
         if name == "grid":
             for path in draw(rows, options.folder):

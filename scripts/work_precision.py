@@ -5,18 +5,22 @@
 
 Each case of ``work_precision_cases.py`` is solved cold, from its clamps alone to a certified shape, and warm, as the
 last of 100 frames that lead to it from an easier case: there the solve alone is timed, with every shape predicted from
-those before. ``solve_bvp`` (``bvp_peer.py``) goes the same way from the same first shape. The error is the largest
-distance of the centreline from the exact one, or from a reference that another method solved. Times are medians of
-processor time on one thread: what else the machine does does not count. Failures stay as rows.
+those before. ``solve_bvp`` (``bvp_peer.py``) goes the same way from the same first shape, and so do the last frames of
+Exudyn, PyElastica and MuJoCo's cable, whichever are installed (the extra ``peers``; ``*_peer.py`` say how they are set
+up). The error is the largest distance of the centreline from the exact one, or from a reference that another method
+solved. Times are medians of processor time on one thread: what else the machine does does not count; of those peers
+the wall's time is there too. Rows "compiled" are those of :func:`harness_opt.compiled`. Failures stay as rows.
 
-``rows.csv`` has all of it; a figure a case shows error against time; the table that ends the output is the README's.
+``rows.csv`` has all of it; a figure a case shows error against time; the tables that end the output are the README's.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import dataclasses
+import importlib
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +31,7 @@ import numpy as np
 from bvp_peer import Peer
 from threadpoolctl import threadpool_limits
 from work_precision_cases import Benchmark, G, S, benchmarks
+from work_precision_report import COMPILED, OURS, draw, misjudged, peer_table, table
 
 import harness_opt as ho
 from harness_opt import rotations
@@ -41,10 +46,12 @@ GAUSS_NEWTON = "gauss-newton"
 SOLVER_NAMES = (GAUSS_NEWTON, "levenberg-marquardt", "ipopt")
 FRAMES = 100  # that a motion is cut into
 SOME, FEW = 30, 10  # of them that solve_bvp, and that slower solvers are timed on: the last ones
-REFERENCE = 1e-10  # in lengths of the cable: errors below are those of the references
 RANDOM_CASES, SEED = 200, 20240611
 LONG = 1.0  # s, after which nothing is repeated
-TARGETS = (1e-5, 1e-6, 1e-8)  # errors that the table compares times at
+LONG_OTHERS = 8.0  # s, after which a peer is given no finer resolution
+OTHERS = ("exudyn_peer", "elastica_peer", "mujoco_peer")  # modules of peers that need the extra
+OTHERS_FRAMES = {"exudyn_peer": FEW}  # that a peer goes through; others, whose frames take seconds, through LAST
+LAST = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +67,8 @@ class Extent:
         repeats: of each timing.
         random: number of random cold cases.
         slow: whether solvers other than Gauss-Newton start cold too.
+        solvers, transcriptions: names.
+        others: modules of peers, beside ``solve_bvp``.
     """
 
     cases: tuple[str, ...] = ()
@@ -74,11 +83,14 @@ class Extent:
     repeats: int = 5
     random: int = RANDOM_CASES
     slow: bool = True
+    solvers: tuple[str, ...] = SOLVER_NAMES
+    transcriptions: tuple[str, ...] = ("collocation", "dqm")
+    others: tuple[str, ...] = OTHERS
 
 
 QUICK = Extent(
     cases=("elastica 0.6", "cantilever P = 5", "3-D, weight 30"), frames=20, elements=(4, 6, 8, 12), points=(21,),
-    meshes=((9, 1e-2), (17, 1e-3), (33, 1e-6)), tolerances=(1e-5, 1e-9), repeats=2, random=20, slow=False,
+    meshes=((9, 1e-2), (17, 1e-3), (33, 1e-6)), tolerances=(1e-5, 1e-9), repeats=2, random=20, slow=False, others=(),
 )  # fmt: skip
 
 
@@ -148,8 +160,11 @@ class Outcome:
     estimate: float = np.nan
 
 
-def row(way: Way, method: str, resolution: float, start: str, seconds: list[float], outcome: Outcome) -> Row:
-    """Return one row of the study."""
+def row(
+    way: Way, method: str, resolution: float, start: str, seconds: list[float], outcome: Outcome,
+    wall: list[float] | None = None,
+) -> Row:  # fmt: skip
+    """Return one row of the study; times are in s, those of the ``wall`` only where they were taken."""
     known = outcome.position is not None
     return {
         "case": way.benchmark.name,
@@ -157,6 +172,7 @@ def row(way: Way, method: str, resolution: float, start: str, seconds: list[floa
         "resolution": resolution,
         "start": start,
         "milliseconds": 1e3 * statistics.median(seconds) if seconds else np.nan,
+        "wall_milliseconds": 1e3 * statistics.median(wall) if wall else np.nan,
         "error": way.benchmark.error(outcome.position, way.truth) if known else np.nan,
         "estimated_error": outcome.estimate,
         "status": outcome.status,
@@ -168,7 +184,7 @@ def row(way: Way, method: str, resolution: float, start: str, seconds: list[floa
 
 def warm_collocation(way: Way, extent: Extent) -> Iterator[Row]:
     """Follow the motion on meshes of so many elements by each solver; time a frame."""
-    for solver in SOLVER_NAMES:
+    for solver in extent.solvers:
         for elements in extent.elements:
             name, fast = f"collocation, {solver}", solver == GAUSS_NEWTON
             repeats, left = (extent.repeats, extent.frames) if fast else (1, FEW)
@@ -215,8 +231,8 @@ def warm_quadrature(way: Way, extent: Extent) -> Iterator[Row]:
 def cold(way: Way, extent: Extent) -> Iterator[Row]:
     """Find the case's shape from its clamps alone, certified: stable or not is known, its error estimated."""
     b = way.benchmark
-    for transcription in ("collocation", "dqm"):
-        for solver in SOLVER_NAMES:
+    for transcription in extent.transcriptions:
+        for solver in extent.solvers:
             if solver != GAUSS_NEWTON and not extent.slow:
                 continue
             for tolerance in extent.tolerances:
@@ -279,6 +295,43 @@ def cold_bvp(way: Way, extent: Extent) -> Iterator[Row]:
         yield row(way, "solve_bvp", tolerance, "cold", [seconds], Outcome(position, status))
 
 
+def warm_others(way: Way, extent: Extent) -> Iterator[Row]:
+    """Go through the last frames of the motion with every other peer that is installed."""
+    for module in extent.others:
+        try:
+            peer = importlib.import_module(module)
+        except ImportError as error:
+            print(f"Left out: {module} ({error}; the extra 'peers')")
+            continue
+        left = OTHERS_FRAMES.get(module, LAST)
+        begin = way.near(left).rod
+        for resolution in peer.RESOLUTIONS:
+            seconds, wall, status = [], [], "ok"
+            motion = peer.Peer(begin, way.cases[-left - 1], resolution)
+            for case in way.cases[-left:]:
+                clock, wall_clock = time.process_time(), time.perf_counter()
+                status = motion.frame(case)
+                seconds.append(time.process_time() - clock)
+                wall.append(time.perf_counter() - wall_clock)
+                if status != "ok":
+                    break
+            position = motion.position() if status == "ok" else None
+            yield row(way, peer.NAME, resolution, "warm", seconds, Outcome(position, status), wall)
+            if sum(seconds) > LONG_OTHERS:  # the next one takes longer yet
+                break
+
+
+def compiled(way: Way, extent: Extent) -> Iterator[Row]:
+    """Do what Gauss-Newton does by collocation again, by machine code, where there is a C compiler."""
+    fewer = dataclasses.replace(extent, solvers=(GAUSS_NEWTON,), transcriptions=("collocation",))
+    try:
+        with ho.compiled():
+            for part in (warm_collocation, cold):
+                yield from (found | {"method": COMPILED} for found in part(way, fewer))
+    except ho.CompilerError as error:
+        print(f"Left out: machine code ({error})")
+
+
 # --- random clamps ----------------------------------------------------------------------------------------
 
 
@@ -299,75 +352,15 @@ def random_cold(count: int) -> Row:
             seconds.append(time.process_time() - clock)
             solved += shape.ok and shape.stable
     return {
-        "case": "random clamps", "method": f"collocation, {GAUSS_NEWTON}", "resolution": 1e-6, "start": "cold",
-        "milliseconds": 1e3 * statistics.median(seconds), "error": np.nan, "estimated_error": np.nan,
+        "case": "random clamps", "method": OURS, "resolution": 1e-6, "start": "cold",
+        "milliseconds": 1e3 * statistics.median(seconds), "wall_milliseconds": np.nan, "error": np.nan,
+        "estimated_error": np.nan,
         "status": f"{solved} of {count} stable and certified; slowest tenth above "
         f"{1e3 * np.quantile(seconds, 0.9):.0f} ms",
     }  # fmt: skip
 
 
-# --- what is shown ----------------------------------------------------------------------------------------
-
-
-def cheapest(rows: list[Row], case: str, method: str, start: str, error: float) -> float:
-    """Return the least time, ms, in which ``method`` has the case with at most ``error``; infinite where never."""
-    kept = [r for r in rows if r["case"] == case and r["method"] == method and r["start"].startswith(start)]
-    return min((r["milliseconds"] for r in kept if r["error"] <= error), default=np.inf)
-
-
-def table(rows: list[Row]) -> str:
-    """Return the README's table: milliseconds of ours and of ``solve_bvp`` at equal errors."""
-    ours = f"collocation, {GAUSS_NEWTON}"
-    head = [f"{error:g} L" for error in TARGETS]
-    lines = ["| case | " + " | ".join(f"warm, {h}" for h in head) + " | cold, 1e-8 L |", "|" + "---|" * (len(head) + 2)]
-    for case in dict.fromkeys(r["case"] for r in rows if np.isfinite(r["error"])):
-        cells = []
-        for start, error in [*(("warm", error) for error in TARGETS), ("cold", 1e-8)]:
-            a, b = (cheapest(rows, case, method, start, error) for method in (ours, "solve_bvp"))
-            ratio = f"({b:.3g}: {b / a:.0f} times)" if np.isfinite(b) and np.isfinite(a) else "(-)"
-            cells.append(f"{a:.2g} {ratio}" if np.isfinite(a) else f"- ({b:.3g})")
-        lines.append(f"| {case} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def misjudged(rows: list[Row]) -> tuple[list[Row], list[Row]]:
-    """Return the rows whose estimated error is over ten times too small, or too large, where the reference can tell."""
-    known = [
-        r
-        for r in rows
-        if r["method"].startswith("collocation") and REFERENCE * 10 < r["error"] < 0.01 and r["status"] == "ok"
-    ]
-    return (
-        [r for r in known if r["estimated_error"] < 0.1 * r["error"]],
-        [r for r in known if r["estimated_error"] > 10.0 * r["error"]],
-    )
-
-
-def draw(folder: Path, rows: list[Row]) -> None:
-    """Draw error against time, a figure for each case; needs matplotlib."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        print("Figures left out: matplotlib is not installed (the extra 'studies').")
-        return
-    for case in dict.fromkeys(r["case"] for r in rows if np.isfinite(r["error"])):
-        figure = Figure(figsize=(7.0, 4.6), layout="constrained")
-        axes = figure.subplots()
-        mine = [r for r in rows if r["case"] == case and r["error"] > 0]
-        for k, (method, start) in enumerate(
-            dict.fromkeys((r["method"], r["start"].split()[0].strip(",")) for r in mine)
-        ):
-            kept = sorted(
-                (r["milliseconds"], r["error"]) for r in mine if r["method"] == method and r["start"].startswith(start)
-            )
-            mark = "o-" if start == "warm" else "s--"
-            axes.loglog(*zip(*kept, strict=True), mark, label=f"{method}, {start}", color=f"C{k % 10}", markersize=4)
-        axes.set_xlabel("processor time a shape / ms (median, one thread)")
-        axes.set_ylabel("largest error of the centreline / L")
-        axes.set_title(case)
-        axes.grid(visible=True, alpha=0.3)
-        axes.legend(fontsize=7)
-        figure.savefig(folder / f"{case.replace(' ', '_').replace(',', '')}.png", dpi=130)
+# --- all of it -------------------------------------------------------------------------------------------
 
 
 def main() -> int:
@@ -382,7 +375,7 @@ def main() -> int:
     options.output.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = []
     parts: list[Callable[[Way, Extent], Iterator[Row]]] = [
-        warm_collocation, warm_quadrature, cold, warm_bvp, cold_bvp,
+        warm_collocation, warm_quadrature, cold, compiled, warm_bvp, cold_bvp, warm_others,
     ]  # fmt: skip
     with threadpool_limits(1):
         for benchmark in benchmarks():
@@ -394,13 +387,19 @@ def main() -> int:
                     rows.append(found)
                     print("  ".join(f"{v:.2g}" if isinstance(v, float) else str(v) for v in found.values()), flush=True)
         rows.append(random_cold(extent.random))
+        with contextlib.suppress(ho.CompilerError), ho.compiled():
+            rows.append(random_cold(extent.random) | {"method": COMPILED})
     with (options.output / "rows.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
     draw(options.output, rows)
     print("\n" + table(rows))
-    print(f"\n{rows[-1]['case']}: {rows[-1]['milliseconds']:.1f} ms, {rows[-1]['status']}")
+    if extent.others:
+        print("\n" + peer_table(rows))
+    for found in rows:
+        if found["case"] == "random clamps":
+            print(f"\n{found['case']}, {found['method']}: {found['milliseconds']:.1f} ms, {found['status']}")
     low, high = misjudged(rows)
     for words, wrong in (("small", low), ("large", high)):
         for r in wrong:

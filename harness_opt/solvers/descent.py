@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..machine_code import Buffered
 from .interface import Array, Landscape
 
 FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
@@ -52,6 +53,15 @@ class Descent:
     steps: int
 
 
+def _solving(sparsity: ca.Sparsity) -> Buffered:
+    """Return x(b, nonzeros of A) with A x = b.
+
+    Factorised anew every time, and faster than by ``Linsol.solve``, whose arguments cost more than a factorisation.
+    """
+    right, entries = ca.MX.sym("right", sparsity.size1()), ca.MX.sym("entries", sparsity.nnz())
+    return Buffered(ca.Function("solve", [right, entries], [ca.solve(ca.MX(sparsity, entries), right, "ldl")]))
+
+
 class _Walker:
     """A descent under way; arguments as :func:`descend`."""
 
@@ -61,15 +71,18 @@ class _Walker:
         self.level: tuple[float, Array] | None = None  # energy at ``q``, and what is missed of the constraints
         self.strains = self.idle = 0
         self.on = min(ON, CLOSE * room)
-        self.linear = ca.Linsol("bordered", "ldl", landscape.sparsity)
+        self.linear = ca.Linsol("inertia", "ldl", landscape.sparsity)
+        self.solved = _solving(landscape.sparsity)
 
     def solve(self, upper: Array, lower: Array) -> tuple[Array, Array]:
-        x = np.asarray(self.linear.solve(self.matrix, ca.DM(np.concatenate([upper, lower])))).ravel()
-        return x[: len(upper)], x[len(upper) :]
+        x = self.solved(np.concatenate([upper, lower]), self.matrix)
+        return x[: len(upper)].copy(), x[len(upper) :].copy()
 
-    def factorise(self, matrix: ca.DM) -> None:
-        self.matrix = matrix
+    def negative(self) -> int:
+        """Return the number of negative eigenvalues of the matrix."""
+        matrix = ca.DM(self.landscape.sparsity, self.matrix.tolist())  # of a list: twice as fast as of an array
         self.linear.nfact(matrix)
+        return int(self.linear.neig(matrix))
 
     def shortened(self, step: Array) -> Array:
         largest = float(np.max(np.abs(step), initial=0.0))
@@ -83,7 +96,7 @@ class _Walker:
                 return False
             if np.linalg.norm(here.constraint) <= self.on:
                 return True
-            self.factorise(here.bordered(1.0, flat=True))
+            self.matrix = here.bordered(1.0, flat=True)
             step, _ = self.solve(np.zeros_like(here.gradient), -here.constraint)
             if not np.all(np.isfinite(step)):
                 return False
@@ -106,7 +119,7 @@ class _Walker:
             if not size < 0.7 * missed:
                 return None
             missed = size
-            step, _ = self.solve(np.zeros(self.linear.sparsity().size1() - len(constraint)), -constraint)
+            step, _ = self.solve(np.zeros(self.landscape.sparsity.size1() - len(constraint)), -constraint)
             if not np.all(np.isfinite(step)):
                 return None
             q = self.landscape.move(q, self.shortened(step))
@@ -117,8 +130,8 @@ class _Walker:
         here = self.landscape.expand(self.q, self.multipliers)
         energy, missed = self.level or self.landscape.energy(self.q)
         while self.shift <= MOST_SHIFT:
-            self.factorise(here.bordered(self.shift))
-            if self.linear.neig(self.matrix) != self.landscape.constraints:
+            self.matrix = here.bordered(self.shift)
+            if self.negative() != self.landscape.constraints:
                 self._stiffen(4.0)
                 continue
             step, change = self.solve(-here.gradient, -here.constraint)

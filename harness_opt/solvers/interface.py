@@ -107,15 +107,13 @@ class Expansion:
     sparsity: ca.Sparsity
     weights: Array
 
-    def bordered(self, shift: float, *, flat: bool = False) -> ca.DM:
-        """Return [H + shift W, A^T; A, 0]; ``flat`` leaves H out."""
+    def bordered(self, shift: float, *, flat: bool = False) -> Array:
+        """Return the nonzeros of [H + shift W, A^T; A, 0]; ``flat`` leaves H out."""
         entries = self.entries
         if flat:
             entries = np.concatenate([np.zeros(self.curved), entries[self.curved :]])
-        return ca.DM(
-            self.sparsity,
-            np.bincount(self.places, np.concatenate([entries, shift * self.weights]), self.sparsity.nnz()),
-        )
+        entries = np.concatenate([entries, shift * self.weights])
+        return np.bincount(self.places, entries, self.sparsity.nnz()).astype(float, copy=False)
 
 
 class Landscape(Protocol):
@@ -161,5 +159,5 @@ class Solver(Protocol):
 
 def largest(residual: Array) -> float:
     """Return max |R|, infinite where an entry is not a number."""
-    value = float(np.abs(residual).max()) if residual.size else 0.0
+    value = float(np.maximum.reduce(np.abs(residual), axis=None)) if residual.size else 0.0
     return value if math.isfinite(value) else np.inf

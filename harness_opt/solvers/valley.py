@@ -21,6 +21,7 @@ from .interface import Array, LeastSquares, Options, Solution, largest
 from .linear import LIGHT, bordered_matrix, null_vectors
 
 STEPS = 80  # along the valley
+RISES = 4  # steps to where a slope of the same sign is steeper: one that has no root is least somewhere, and rises
 CORRECTIONS = 8  # Newton steps back to its floor
 FIRST_STEP = 0.1  # of x
 GROWTH = 3.0  # most that a step may be longer than the last one
@@ -33,7 +34,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
 
     It never raises for lack of convergence: the status says how it ended.
     """
-    step, spent = 0.0, 0
+    step, spent, rises = 0.0, 0, 0
     steep: float | None = None
     across = null_vectors(problem.linearise(x)[1])
     for _ in range(STEPS):
@@ -51,6 +52,9 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         residual = largest(problem.residual(x))
         if residual <= options.tolerance:
             return Solution(x, Status.OK, residual, spent)
+        rises += steep is not None and slope * steep > 0.0 and abs(slope) > abs(steep)
+        if rises > RISES:
+            break
         longest = GROWTH * abs(step)
         if steep is None:
             step = FIRST_STEP

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from .. import rod, rotations
 from ..boundary import Boundary
+from ..machine_code import Buffered, built, wanted
 from ..quadrature import gauss
 from ..rod import Section
 from ..rotations import Array
@@ -44,13 +45,32 @@ NEIGHBOURS, WHOLE = 1.0, 2.5  # rad that neighbouring nodes, and those of an ele
 Indices = NDArray[np.integer[Any]]
 
 
+_POLYNOMIALS = np.linalg.inv(np.vander(NODES, increasing=True))  # those that are 1 at one node, by columns
+
+
 def _lagrange(at: Array) -> tuple[Array, Array]:
     """Return the values and the derivatives (m, DEGREE + 1) at ``at`` (m,) of the polynomials that are 1 at a node."""
-    powers = np.arange(DEGREE + 1)
-    inverse = np.linalg.inv(np.vander(NODES, increasing=True))
-    values = at[:, None] ** powers
-    slopes = powers * at[:, None] ** np.maximum(powers - 1, 0)
-    return values @ inverse, slopes @ inverse
+    powers = np.vander(at, DEGREE + 1, increasing=True)
+    slopes = np.zeros_like(powers)
+    slopes[:, 1:] = powers[:, :-1] * np.arange(1, DEGREE + 1)
+    return powers @ _POLYNOMIALS, slopes @ _POLYNOMIALS
+
+
+@functools.cache
+def _products() -> tuple[Array, Array, Array]:
+    """Return the weighted products at Gauss points that integrals of phi, phi' and both are made of.
+
+    Of a value and a slope, and of two values, (DEGREE, (DEGREE + 1)^2); and the integrals of those of two slopes,
+    (DEGREE + 1, DEGREE + 1).
+    """
+    tableau = gauss(DEGREE)
+    values, slopes = _lagrange(tableau.nodes)
+
+    def products(left: Array, right: Array) -> Array:
+        return np.asarray(tableau.weights[:, None, None] * left[:, :, None] * right[:, None, :])
+
+    mixed, plain = (products(values, right).reshape(DEGREE, -1) for right in (slopes, values))
+    return mixed, plain, products(slopes, slopes).sum(axis=0)
 
 
 def _product(p: ca.SX, q: ca.SX) -> ca.SX:
@@ -58,13 +78,13 @@ def _product(p: ca.SX, q: ca.SX) -> ca.SX:
 
 
 @functools.cache
-def _element(exact: bool) -> tuple[ca.Function, ca.Function]:
+def _element(exact: bool, machine: bool) -> tuple[ca.Function, ca.Function]:
     """Return two functions of one element.
 
     Arguments: nodes' quaternions (4 (DEGREE + 1),), length, start, stiffness, rest curvature, force at the end of the
     cable, load. Results of the first: energy and chord; of the second: the gradient of the energy by small rotations
     of the nodes about their own axes, the chord, its derivative by rows, and quaternions and Darboux vectors at the
-    Gauss points; where ``exact``, the Hessian in place of the quaternions.
+    Gauss points; where ``exact``, the Hessian in place of the quaternions. Both are machine code where ``machine``.
     """
     tableau = gauss(DEGREE)
     values, slopes = _lagrange(tableau.nodes)
@@ -94,27 +114,48 @@ def _element(exact: bool) -> tuple[ca.Function, ca.Function]:
     hessian, gradient = ca.hessian(energy, turns)
     second = ca.vec(hessian) if exact else ca.vertcat(*frames)
     results = [
-        ca.substitute(x, turns, ca.DM.zeros(UNKNOWNS))
-        for x in (
-            energy,
-            chord,
-            gradient,
-            ca.vec(ca.jacobian(chord, turns).T),
-            second,
-            ca.vertcat(*omegas),
-        )
+        ca.densify(ca.substitute(x, turns, ca.DM.zeros(UNKNOWNS)))
+        for x in (energy, chord, gradient, ca.vec(ca.jacobian(chord, turns).T), second, ca.vertcat(*omegas))
     ]
     arguments = [ca.vec(q), h, s, stiffness, rest, force, load]
-    return (
+    functions = (
         ca.Function("energy", arguments, results[:2], {"cse": True}),
         ca.Function("expansion", arguments, results[1:], {"cse": True}),
     )
+    return (built(functions[0]), built(functions[1])) if machine else functions
+
+
+@dataclass(frozen=True)
+class _Functions:
+    """Functions of a whole chain: of its quaternions (m, 4) and the force at its end, flat, and its parameters.
+
+    Args:
+        energy: gives the energy and the vector between the ends, (4,).
+        expansion: gives what that of the elements does, one result after the other, each an element at a time.
+        sizes: of these results, per element.
+    """
+
+    energy: Buffered
+    expansion: Buffered
+    sizes: tuple[int, ...]
 
 
 @functools.lru_cache(maxsize=32)
-def _mapped(elements: int, exact: bool) -> tuple[ca.Function, ca.Function]:
-    energy, expansion = _element(exact)
-    return energy.map(elements), expansion.map(elements)
+def _functions(elements: int, exact: bool, machine: bool) -> _Functions:
+    energy, expansion = _element(exact, machine)
+    x, p = ca.MX.sym("x", 4 * (DEGREE * elements + 1) + 3), ca.MX.sym("p", 2 * elements + 9)
+    steps, starts, stiffness, rest, load = ca.vertsplit(p, [0, elements, *(2 * elements + np.arange(0, 10, 3))])
+    own = 4 * DEGREE * np.arange(elements)[:, None] + np.arange(4 * (DEGREE + 1))
+    q = ca.reshape(x[own.ravel().tolist()], own.shape[1], elements)
+    shared = [3, 4, 5, 6]  # stiffness, rest curvature, force and load are one for all elements
+    arguments = (q, steps.T, starts.T, stiffness, rest, x[-3:], load)
+    sums = [ca.sum2(part) for part in energy.map("energies", "serial", elements, shared, [])(*arguments)]
+    parts = expansion.map("expansions", "serial", elements, shared, [])(*arguments)
+    return _Functions(
+        Buffered(ca.Function("energy", [x, p], [ca.vertcat(*sums)])),
+        Buffered(ca.Function("expansion", [x, p], [ca.vertcat(*(ca.vec(part) for part in parts))])),
+        tuple(part.shape[0] for part in parts),
+    )
 
 
 @dataclass(frozen=True)
@@ -185,9 +226,9 @@ class Chain:
         kind, steps, count = boundary.kind, np.diff(mesh), len(mesh) - 1
         self.closed = kind.start_position and kind.end_position
         self._pattern = _pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
-        self._energy, self._expansion = _mapped(count, exact)
+        self._functions = _functions(count, exact, wanted())
         self._rest = section.rest_curvature
-        self._parameters = (steps[None], mesh[None, :-1], section.stiffness, section.rest_curvature)
+        self._parameters = np.concatenate([steps, mesh[:-1], section.stiffness, section.rest_curvature, load])
         self.nodes = np.append((mesh[:-1, None] + steps[:, None] * NODES[:-1]).ravel(), 1.0)
         self.points = (mesh[:-1, None] + steps[:, None] * gauss(DEGREE).nodes).ravel()
         share = np.gradient(self.nodes)
@@ -221,39 +262,35 @@ class Chain:
         """Return the internal force at the end of the cable, (3,): the multipliers, or what is given."""
         return multipliers if self.closed else np.asarray(self._loose_force)
 
-    def _arguments(self, q: Array, force: Array) -> tuple[Any, ...]:
-        count = len(self.mesh) - 1
-        quaternions = q[self._pattern.nodes].reshape(count, -1).T
-        steps, starts, *shared = self._parameters
-        return quaternions, steps, starts, *(np.tile(x[:, None], count) for x in (*shared, force, self.load))
-
-    def _closure(self, chords: Array) -> Array:
-        return chords.sum(axis=1) - self.boundary.gap if self.closed else np.zeros(0)
-
     def energy(self, q: Array) -> tuple[float, Array]:
         """Return the energy, in B/L, of quaternions (m, 4), and what is missed of the constraints (constraints,)."""
-        energies, chords = self._energy(*self._arguments(q, self.force(self.multipliers)))
-        return float(np.sum(np.asarray(energies))), self._closure(np.asarray(chords))
+        x = np.concatenate([q.ravel(), self.force(self.multipliers)])
+        found = self._functions.energy(x, self._parameters)
+        return float(found[0]), self._missed(found[1:])
+
+    def _missed(self, chord: Array) -> Array:
+        return chord - self.boundary.gap if self.closed else np.zeros(0)
 
     def expand(self, q: Array, multipliers: Array) -> Expansion:
         """Return the energy less the multipliers' work to second order about ``q`` (m, 4)."""
         p, count = self._pattern, len(self.mesh) - 1
         force = self.force(multipliers)
-        chords, gradients, slopes, second, omegas = (np.asarray(x) for x in self._expansion(*self._arguments(q, force)))
+        found = self._functions.expansion(np.concatenate([q.ravel(), force]), self._parameters)
+        chords, gradients, slopes, second, omegas = np.split(found, count * np.cumsum(self._functions.sizes)[:-1])
         gradient = np.zeros((len(q), 3))
-        np.add.at(gradient, p.nodes, gradients.T.reshape(count, DEGREE + 1, 3))
+        np.add.at(gradient, p.nodes, gradients.reshape(count, DEGREE + 1, 3))
         shape = (count, DEGREE)
         if self.exact:
-            blocks = second.T.reshape(count, UNKNOWNS, UNKNOWNS)
+            blocks = second.reshape(count, UNKNOWNS, UNKNOWNS)
         else:
-            blocks = self._second(second.T.reshape(*shape, 4), omegas.T.reshape(*shape, 3), force)
+            blocks = self._second(second.reshape(*shape, 4), omegas.reshape(*shape, 3), force)
         entries = [blocks[p.blocks]]
         if p.chords is not None:
-            border = slopes.T.reshape(count, 3, UNKNOWNS)[p.chords]
+            border = slopes.reshape(count, 3, UNKNOWNS)[p.chords]
             entries += [border, border, np.zeros(3)]
         return Expansion(
-            gradient[p.free].ravel(), self._closure(chords), np.concatenate(entries), len(entries[0]), p.places,
-            p.sparsity, self._weights,
+            gradient[p.free].ravel(), self._missed(chords.reshape(count, 3).sum(axis=0)), np.concatenate(entries),
+            len(entries[0]), p.places, p.sparsity, self._weights,
         )  # fmt: skip
 
     def _second(self, q: Array, omega: Array, force: Array) -> Array:
@@ -263,8 +300,7 @@ class Chain:
             q, omega: at the Gauss points, (n, DEGREE, 4 or 3).
             force: at the end of the cable, (3,).
         """
-        tableau, stiffness = gauss(DEGREE), self.section.stiffness
-        values, slopes = _lagrange(tableau.nodes)
+        stiffness, (mixed_products, plain_products, rigid) = self.section.stiffness, _products()
         steps, count = np.diff(self.mesh), len(q)
         beyond = (1.0 - self.points).reshape(count, DEGREE, 1)
         inner = rotations.rotate(rotations.conjugate(q), force + beyond * self.load)
@@ -276,20 +312,15 @@ class Chain:
         rate = turned + 0.5 * moment  # phi (.) phi'
         twice = moment @ spin
         plain = turned @ spin + 0.5 * (twice + np.swapaxes(twice, -1, -2)) + loads  # phi (.) phi
-        weights = tableau.weights
 
-        def integrated(field: Array, weight: Array) -> Array:
-            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ weight.reshape(DEGREE, -1)
+        def integrated(field: Array, products: Array) -> Array:
+            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ products
             blocks = summed.reshape(count, 3, 3, DEGREE + 1, DEGREE + 1).transpose(0, 3, 1, 4, 2)
             return np.asarray(blocks.reshape(count, UNKNOWNS, UNKNOWNS))
 
-        def products(left: Array, right: Array) -> Array:
-            return np.asarray(weights[:, None, None] * left[:, :, None] * right[:, None, :])
-
-        mixed = integrated(rate, products(values, slopes))
-        rigid = np.einsum("g,ga,gb,ij->aibj", weights, slopes, slopes, np.diag(stiffness)).reshape(UNKNOWNS, UNKNOWNS)
-        hessian = rigid / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
-        hessian += steps[:, None, None] * integrated(plain, products(values, values))
+        mixed = integrated(rate, mixed_products)
+        hessian = np.kron(rigid, np.diag(stiffness)) / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
+        hessian += steps[:, None, None] * integrated(plain, plain_products)
         return np.asarray(hessian)
 
     def move(self, q: Array, step: Array) -> Array:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from .. import rod, rotations
 from ..boundary import Boundary, Kind
+from ..machine_code import Buffered, built, wanted
 from ..quadrature import gauss
 from ..rod import Section
 from ..rotations import Array
@@ -33,34 +34,7 @@ Indices = NDArray[np.integer[Any]]
 NODE = 7  # unknowns of a node: quaternion and moment
 FORCE = 3  # the constant of the force
 START, CLOSURE = 4, 3  # equations of the start, of the gap (or force)
-
-
-class Buffered:
-    """A CasADi function that reads and writes NumPy arrays in place, without the copies of an ordinary call."""
-
-    _given: tuple[Array, ...] = ()
-
-    def __init__(self, function: ca.Function):
-        self._buffer, self._evaluate = function.buffer()
-        self._arguments = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
-        self._results = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
-        for i, array in enumerate(self._arguments):
-            self._buffer.set_arg(i, memoryview(array))  # type: ignore[arg-type,call-arg]
-        for i, array in enumerate(self._results):
-            self._buffer.set_res(i, memoryview(array))  # type: ignore[arg-type,call-arg]
-
-    def __call__(self, first: Array, others: tuple[Array, ...]) -> list[Array]:
-        """Evaluate at flat arrays (column-major); the results are overwritten by the next call.
-
-        ``others`` are copied where they are another tuple than the last time: what is in it must not be changed.
-        """
-        self._arguments[0][:] = first
-        if others is not self._given:
-            for array, value in zip(self._arguments[1:], others, strict=True):
-                array[:] = value
-            self._given = others
-        self._evaluate()
-        return self._results
+PARAMETERS = (3, 3, 3, 3, 4, 12, 3, 3, 3, 3)  # sizes; see _split
 
 
 def _element(stages: int, loaded: bool) -> ca.Function:
@@ -88,7 +62,64 @@ def _element(stages: int, loaded: bool) -> ca.Function:
     defects.append(q_next - q - h * ca.mtimes(rates, tableau.weights))
     defects.append(moment_next - moment - h * ca.mtimes(moment_rates, tableau.weights))
     chord = h * ca.mtimes(tangents, tableau.weights)
-    return ca.Function("element", [z, h, s, stiffness, rest, load], [ca.vertcat(*defects, chord)])
+    return ca.Function("element", [z, h, s, stiffness, rest, load], [ca.vertcat(*defects, chord)], {"cse": True})
+
+
+@dataclass(frozen=True)
+class _Element:
+    """Functions of one element: its equations, and their derivatives by its unknowns."""
+
+    equations: ca.Function
+    jacobian: ca.Function
+
+
+@functools.lru_cache(maxsize=8)
+def _element_functions(stages: int, loaded: bool, machine: bool) -> _Element:
+    """Return the functions of an element of any mesh, as machine code where ``machine``."""
+    element = _element(stages, loaded)
+    z, *parameters = element.sx_in()
+    by_unknowns = ca.jacobian(element(z, *parameters), z)
+    # cse: a third of the Jacobian's operations are the same ones again
+    jacobian = ca.Function("jacobian", [z, *parameters], [by_unknowns], {"cse": True})
+    return _Element(built(element), built(jacobian)) if machine else _Element(element, jacobian)
+
+
+@functools.lru_cache(maxsize=8)
+def _element_rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
+    """Return the derivatives of an element's equations by rest curvature and load, which few ask for."""
+    element = _element(stages, loaded)
+    z, *parameters = element.sx_in()
+    by_parameters = ca.jacobian(element(z, *parameters), ca.vertcat(*parameters[3:]))
+    rates = ca.Function("rates", [z, *parameters], [by_parameters], {"cse": True})
+    return built(rates) if machine else rates
+
+
+Symbols = TypeVar("Symbols", ca.SX, ca.MX)
+
+
+def _split(p: Symbols, elements: int) -> list[Symbols]:
+    """Return the parameters of all equations: steps, element starts, stiffness, rest curvature, load, gap, start
+    quaternion, the matrix of :func:`_relative` by columns, and the loads on start and end: forces, then moments."""
+    return ca.vertsplit(p, np.cumsum([0, elements, elements, *PARAMETERS]).tolist())
+
+
+def _assembled(x: Symbols, p: Symbols, table: Symbols, kind: Kind) -> Symbols:
+    """Return R(x, p) from the elements' defects and chords (4 stages + 10, elements), side by side."""
+    count, elements = table.shape[0] - CLOSURE, table.shape[1]
+    load, gap, start_q, relative, start_force, end_force, start_moment, end_moment = _split(p, elements)[4:]
+    node = x.shape[0] - FORCE - NODE
+    start = x[:4] - start_q
+    if not kind.start_orientation:
+        start = ca.vertcat(ca.sumsqr(x[:4]) - 1, x[4:7] + start_moment)
+    closure = ca.sum2(table[count:, :]) - gap
+    if not kind.end_position:
+        closure = x[-3:] - load - end_force
+    elif not kind.start_position:
+        closure = x[-3:] + start_force
+    end = x[node + 4 : node + 7] - end_moment
+    if kind.end_orientation:
+        end = ca.mtimes(ca.reshape(relative, 3, 4), x[node : node + 4])
+    return ca.vertcat(start, ca.vec(table[:count, :]), closure, end)
 
 
 @dataclass(frozen=True)
@@ -114,42 +145,62 @@ class Collocation:
         elements: n.
         stages: Gauss points an element; the order at the nodes is twice that.
         loaded: False leaves the load integrals out.
+        machine: whether the functions are machine code.
     """
 
-    def __init__(self, elements: int, stages: int, loaded: bool):
-        self.elements, self.stages, self.loaded = elements, stages, loaded
-        self._element = _element(stages, loaded)
-        z, *parameters = self._element.sx_in()
-        defects = self._element(z, *parameters)
-        # cse: a third of the Jacobian's operations are the same ones again
-        linearised = ca.Function("linearised", [z, *parameters], [defects, ca.jacobian(defects, z)], {"cse": True})
-        _, rest, load = parameters[2:]
-        rated = ca.Function("rated", [z, *parameters], [ca.jacobian(defects, ca.vertcat(rest, load))])
-        self._residual, self._linearised = self._mapped(self._element), self._mapped(linearised)
-        self._parameter_rates = self._mapped(rated)
-        self._element_pattern = linearised.sparsity_out(1)
-        self._rate_shape, self._rate_pattern = rated.size_out(0), rated.sparsity_out(0)
+    def __init__(self, elements: int, stages: int, loaded: bool, machine: bool):
+        self.elements, self.stages, self.loaded, self._machine = elements, stages, loaded, machine
+        functions = _element_functions(stages, loaded, machine)
+        self._element_pattern = functions.jacobian.sparsity_out(0)
         block = NODE + 4 * stages
-        within = np.concatenate([np.arange(block + NODE)])
-        self._gather = within[:, None] + block * np.arange(elements)
         self.size = block * elements + NODE + FORCE
         force = np.tile(np.arange(self.size - FORCE, self.size)[:, None], elements)
-        self._gather = np.concatenate([self._gather, force])
-        self._gather_flat = self._gather.T.ravel()
+        self._gather = np.concatenate([np.arange(block + NODE)[:, None] + block * np.arange(elements), force])
+        self.quaternions = block * np.arange(elements + 1)[:, None] + np.arange(4)  # of the nodes, among the unknowns
+        self.parameters = 2 * elements + sum(PARAMETERS)
+        self._entries = self._of_all(functions.jacobian)
+        self._residuals: dict[Kind, Buffered] = {}
 
-    def _mapped(self, function: ca.Function) -> Buffered:
-        shared = list(range(3, function.n_in()))  # stiffness, rest curvature and load are one for all elements
-        return Buffered(function.map("mapped", "serial", self.elements, shared, []))
+    def side_by_side(self, function: ca.Function, x: Symbols, p: Symbols) -> Symbols:
+        """Return a function of one element for all of them, column by column, at unknowns and parameters of all."""
+        steps, starts, stiffness, rest, load = _split(p, self.elements)[:5]
+        z = ca.reshape(x[self._gather.T.ravel().tolist()], *self._gather.shape)
+        shared = [3, 4, 5]  # stiffness, rest curvature and load are one for all elements
+        every = function.map("every", "serial", self.elements, shared, [])
+        return every(z, steps.T, starts.T, stiffness, rest, load)
+
+    def _of_all(self, function: ca.Function) -> Buffered:
+        x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parameters)
+        return Buffered(ca.Function("of_all", [x, p], [self.side_by_side(function, x, p)]))
+
+    @functools.cached_property
+    def parameter_rates(self) -> tuple[Buffered, ca.Sparsity]:
+        """The elements' derivatives by rest curvature and load, one after the other, and their pattern in each."""
+        function = _element_rates(self.stages, self.loaded, self._machine)
+        return self._of_all(function), function.sparsity_out(0)
+
+    def residual(self, kind: Kind) -> Buffered:
+        """Return R(x, p) for ends of a kind."""
+        if kind not in self._residuals:
+            self._residuals[kind] = self._residual(kind)
+        return self._residuals[kind]
+
+    def _residual(self, kind: Kind) -> Buffered:
+        x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parameters)
+        table = self.side_by_side(_element_functions(self.stages, self.loaded, self._machine).equations, x, p)
+        return Buffered(ca.Function("residual", [x, p], [_assembled(x, p, table, kind)]))
 
     def bind(self, section: Section, load: Array, boundary: Boundary, mesh: Array) -> BoundCollocation:
         """Return the equations of one cable between two ends on ``mesh`` (n + 1,)."""
         return BoundCollocation(self, section, np.asarray(load, dtype=float), boundary, mesh)
 
 
-@functools.lru_cache(maxsize=32)
+_built = functools.lru_cache(maxsize=32)(Collocation)
+
+
 def collocation(elements: int, stages: int, loaded: bool) -> Collocation:
     """Return the transcription, built once per process for each kind."""
-    return Collocation(elements, stages, loaded)
+    return _built(elements, stages, loaded, wanted())
 
 
 @functools.lru_cache(maxsize=128)
@@ -192,38 +243,17 @@ def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Indi
 
 def _relative(boundary: Boundary) -> Array:
     """Return the matrix (3, 4) that takes q to the vector part of conj(q_end) q."""
-    a, b, c, d = boundary.end_quaternion
+    a, b, c, d = boundary.end_quaternion.tolist()
     return np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
 
 
 @functools.lru_cache(maxsize=32)
 def _equations(elements: int, stages: int, loaded: bool, kind: Kind) -> Equations:
-    """Return R(x, p); p: steps, element starts, stiffness, rest curvature, load, gap, start quaternion, the matrix of
-    :func:`_relative` by columns, and the loads on start and end: forces, then moments."""
-    t = collocation(elements, stages, loaded)
-    x = ca.SX.sym("x", t.size)
-    sizes = (elements, elements, 3, 3, 3, 3, 4, 12, 3, 3, 3, 3)
-    p = ca.SX.sym("p", sum(sizes))
-    steps, starts, stiffness, rest, load, gap, start_q, relative, *loads = ca.vertsplit(
-        p, np.cumsum([0, *sizes]).tolist()
-    )
-    start_force, end_force, start_moment, end_moment = loads
-    parts = [
-        t._element(x[t._gather[:, e].tolist()], steps[e], starts[e], stiffness, rest, load) for e in range(elements)
-    ]
-    count, node = 4 * stages + NODE, (NODE + 4 * stages) * elements
-    start = x[:4] - start_q
-    if not kind.start_orientation:
-        start = ca.vertcat(ca.sumsqr(x[:4]) - 1, x[4:7] + start_moment)
-    closure = sum(part[count:] for part in parts) - gap
-    if not kind.end_position:
-        closure = x[-3:] - load - end_force
-    elif not kind.start_position:
-        closure = x[-3:] + start_force
-    end = x[node + 4 : node + 7] - end_moment
-    if kind.end_orientation:
-        end = ca.mtimes(ca.reshape(relative, 3, 4), x[node : node + 4])
-    return Equations(x, p, ca.vertcat(start, *(part[:count] for part in parts), closure, end))
+    """Return R(x, p) in scalar symbols; p as in :func:`_split`."""
+    t = _built(elements, stages, loaded, False)  # symbols don't go through machine code
+    x, p = ca.SX.sym("x", t.size), ca.SX.sym("p", t.parameters)
+    table = t.side_by_side(_element_functions(stages, loaded, False).equations, x, p)
+    return Equations(x, p, _assembled(x, p, table, kind))
 
 
 def stations(mesh: Array, stages: int) -> Array:
@@ -260,61 +290,40 @@ class BoundCollocation:
     def __init__(self, transcription: Collocation, section: Section, load: Array, boundary: Boundary, mesh: Array):
         self.transcription, self.boundary, self.mesh = transcription, boundary, mesh
         self.section, self.load = section, load
-        steps = np.diff(mesh)
-        self._parameters = (steps, mesh[:-1], section.stiffness, section.rest_curvature, load)
-        n, s = transcription.elements, transcription.stages
-        self._pattern = _pattern(n, s, transcription.loaded, boundary.kind)
+        n, s, kind = transcription.elements, transcription.stages, boundary.kind
+        self._residual, self._pattern = transcription.residual(kind), _pattern(n, s, transcription.loaded, kind)
         self._node = (NODE + 4 * s) * n
         self._relative = _relative(boundary)
+        self._values = np.concatenate(
+            (
+                mesh[1:] - mesh[:-1], mesh[:-1], section.stiffness, section.rest_curvature, load, boundary.gap,
+                boundary.start_quaternion, self._relative.ravel("F"), boundary.start_force, boundary.end_force,
+                boundary.start_moment, boundary.end_moment,
+            )
+        )  # fmt: skip
 
     # -- residual and derivatives ------------------------------------------------------------------------------
 
-    def _assemble(self, x: Array, defects: Array) -> Array:
-        t, b, node = self.transcription, self.boundary, self._node
-        count = 4 * t.stages + NODE
-        table = defects.reshape(t.elements, count + 3)
-        out = np.empty(t.size)
-        start, closure, end = out[:START], out[-CLOSURE - 3 : -3], out[-3:]
-        if b.kind.start_orientation:
-            start[:] = x[:4] - b.start_quaternion
-        else:
-            start[0], start[1:] = x[:4] @ x[:4] - 1.0, x[4:7] + b.start_moment
-        out[START : -CLOSURE - 3].reshape(t.elements, count)[:] = table[:, :count]
-        if b.kind.start_position and b.kind.end_position:
-            closure[:] = table[:, count:].sum(axis=0) - b.gap
-        elif b.kind.start_position:
-            closure[:] = x[-3:] - self.load - b.end_force
-        else:
-            closure[:] = x[-3:] + b.start_force
-        if b.kind.end_orientation:
-            end[:] = self._relative @ x[node : node + 4]
-        else:
-            end[:] = x[node + 4 : node + 7] - b.end_moment
-        return out
-
     def residual(self, x: Array) -> Array:
         """Return R(x) (m,), m = n."""
-        t = self.transcription
-        return self._assemble(x, t._residual(x[t._gather_flat], self._parameters)[0])
+        return self._residual(x, self._values).copy()
 
     def linearise(self, x: Array) -> tuple[Array, sp.csc_array]:
         """Return R(x) and its Jacobian."""
         t, b = self.transcription, self.boundary
-        defects, entries = t._linearised(x[t._gather_flat], self._parameters)
+        entries = t._entries(x, self._values)
         boundary_entries = [np.ones(4) if b.kind.start_orientation else np.concatenate([2 * x[:4], np.ones(3)])]
         if not (b.kind.start_position and b.kind.end_position):
             boundary_entries.append(np.ones(3))
         boundary_entries.append(self._relative.ravel() if b.kind.end_orientation else np.ones(3))
         order, indices, indptr = self._pattern
         data = np.concatenate([entries, *boundary_entries])[order]
-        return self._assemble(x, defects), sp.csc_array((data, indices, indptr), shape=(t.size, t.size))
+        return self.residual(x), sp.csc_array((data, indices, indptr), shape=(t.size, t.size))
 
     def parametric(self) -> tuple[Equations, Array]:
         """Return the equations of this kind in symbols, and the values of their parameters."""
-        t, b = self.transcription, self.boundary
-        loads = (b.start_force, b.end_force, b.start_moment, b.end_moment)
-        values = (*self._parameters, b.gap, b.start_quaternion, self._relative.ravel("F"), *loads)
-        return _equations(t.elements, t.stages, t.loaded, b.kind), np.concatenate(values)
+        t = self.transcription
+        return _equations(t.elements, t.stages, t.loaded, self.boundary.kind), self._values
 
     def symbolic(self) -> tuple[ca.SX, ca.SX]:
         """Return (x, R(x)) as CasADi expressions, for solvers that differentiate themselves."""
@@ -329,8 +338,11 @@ class BoundCollocation:
 
     def quaternions(self, x: Array) -> Array:
         """Return the quaternions at the nodes (n + 1, 4)."""
-        blocks = x[: self._node].reshape(self.transcription.elements, -1)
-        return np.concatenate([blocks[:, :4], x[None, self._node : self._node + 4]])
+        return x[self.transcription.quaternions]
+
+    def last_quaternion(self, x: Array) -> Array:
+        """Return the quaternion at the end of the cable, (4,)."""
+        return x[self._node : self._node + 4]
 
     def unpack(self, x: Array) -> NodeStates:
         """Return the states at the nodes; the centreline is the integral (17) by the elements' own quadrature."""
@@ -370,9 +382,10 @@ class BoundCollocation:
         count, k = 4 * t.stages + NODE, gap.shape[1]
         out = np.zeros((t.size, k))
         if np.any(rest) or np.any(load):
-            entries = t._parameter_rates(x[t._gather_flat], self._parameters)[0]
-            rows, columns = (np.array(v) for v in t._rate_pattern.get_triplet())
-            table = np.zeros((t.elements, *t._rate_shape))
+            function, pattern = t.parameter_rates
+            entries = function(x, self._values)
+            rows, columns = (np.array(v) for v in pattern.get_triplet())
+            table = np.zeros((t.elements, *pattern.shape))
             table[:, rows, columns] = entries.reshape(t.elements, -1)
             changed = table @ np.vstack([rest, load])
             out[START : START + t.elements * count] = changed[:, :count].reshape(-1, k)
