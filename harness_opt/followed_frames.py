@@ -77,9 +77,13 @@ class Frames(Sequence[Solved]):
             self._stow()
 
     def cut(self, count: int) -> None:
-        """Keep the first ``count`` frames alone: all that are on disk, or more."""
-        del self._held[count - len(self._stowed) :]
-        del self._estimates[count // self._block :]
+        """Keep the first ``count`` frames alone."""
+        if not len(self):
+            return
+        block = self._block
+        whole = min(len(self._stowed), count // block * block)
+        self._held, self._stowed = self[whole:count], self._stowed[:whole]
+        del self._estimates[count // block :]
         self._recount()
 
     def errors(self) -> tuple[Array, Array]:
