@@ -140,7 +140,7 @@ def test_twisted_ring(torsion):
         moment = curvature * axis + torsion * twist * rotations.tangent(q)
         force = np.tile(torsion * twist * curvature * axis, (len(s), 1))
         rod = Rod(Section(np.array([1, 1, torsion]), np.zeros(3)), np.zeros(3), MESH, q, r, force, moment)
-        assert max(np.max(np.abs(defect)) for defect in rod.defects()) < 1e-6  # it is an equilibrium
+        assert max(np.max(np.abs(defect)) for defect in rod.defects()[:3]) < 1e-6  # it is an equilibrium
         assert is_stable(rod, CLAMPED) == (factor < 1)
 
 
