@@ -7,7 +7,8 @@ cells, by their chords and sags, and quartered until nothing smaller can hide in
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from .rotations import Array
 from .vectors import Indices, lengths
 
 PAIRS = 500_000  # pairs of stations looked at together, so that temporaries stay below 100 MB
+FRAMES = 200  # that are looked at together, for the same reason
 CELLS_PER_QUERY = 5  # cells of two curves are cheaper than queries to coal
 TOUCHING = 1e-12  # of the cable's length: centrelines nearer to each other count as crossing
 
@@ -28,22 +30,48 @@ def against_cable(task: Task, curves: CurvePair) -> Found:
         task: the cable.
         curves: its centreline and the other's, in the same coordinates.
     """
+    places: list[tuple[Indices, Array, Array]] = []  # of the local minima
+    left: list[tuple[Indices, Array, Array]] = []  # cells that may yet hold something smaller
+    best = settled = math.inf
+    for first in range(0, len(task.curve.position), FRAMES):
+        some = curves.of_frames(slice(first, first + FRAMES))
+        (frame, s, t, value), cells, rest = _minima(task, some)
+        places.append((frame + first, s, t))
+        best, settled = min(best, float(value.min())), min(settled, rest)
+        hopeless = cells[2] >= best - task.tolerance
+        settled = min(settled, float(cells[2][hopeless].min(initial=math.inf)))
+        left.append((cells[0][~hopeless] + first, cells[1][~hopeless], cells[2][~hopeless]))
+    found = _joined(places)
+    worst, reached = _certify_cells(task, curves, _joined(left), best)
+    # the cell search may have met something still closer
+    samples = curves.witnesses(*_joined([found, worst]))
+    return Found(samples, np.arange(len(found[0])), min(settled, reached))
+
+
+def _joined(several: Sequence[tuple[Indices, Array, Array]]) -> tuple[Indices, Array, Array]:
+    first, second, third = (np.concatenate(column) for column in zip(*several, strict=True))
+    return first, second, third
+
+
+def _minima(
+    task: Task, curves: CurvePair
+) -> tuple[tuple[Indices, Array, Array, Array], tuple[Indices, Array, Array], float]:
+    """Return the local minima of some frames: frames, s, t and clearances (m,).
+
+    And the cells that were looked at, with the bounds below their clearances, as :func:`_certify_cells` takes them, and
+    a bound below all others, m.
+    """
     frame, row, cell, settled = curves.candidates(task.horizon)
     s, t, value, bound = curves.closest(frame, cell)
     # the smallest clearance of every interval of the cable, then the local minima along it
     order = np.lexsort((value, row, frame))
-    key = frame[order] * len(task.curve.s) + row[order]
+    key = frame[order] * len(curves.one.s) + row[order]
     order = order[np.unique(key, return_index=True)[1]]
-    table = np.full((len(task.curve.position), len(task.curve.s) - 1), np.inf)
+    table = np.full((len(curves.one.position), len(curves.one.s) - 1), np.inf)
     number = np.zeros(table.shape, dtype=np.int64)
     table[frame[order], row[order]], number[frame[order], row[order]] = value[order], order
     low = number[local_minima(table, task.horizon)]
-    s, t, value = _shrink(curves, frame[low], s[low], t[low])
-    worst, reached = _certify_cells(task, curves, (frame, cell, bound), float(value.min()))
-    # the cell search may have met something still closer
-    frame, s, t = (np.concatenate(places) for places in zip((frame[low], s, t), worst, strict=True))
-    samples = curves.witnesses(frame, s, t)
-    return Found(samples, np.arange(len(low)), min(settled, reached))
+    return (frame[low], *_shrink(curves, frame[low], s[low], t[low])), (frame, cell, bound), settled
 
 
 def least_gap(task: Task) -> float:
@@ -88,6 +116,11 @@ class CurvePair:
         """Return the pair of the cables of two tasks; with the limit of ``task`` where they are the same."""
         gap = least_gap(task) if task.cable == other.cable else -math.inf
         return CurvePair(task.curve, other.curve, task.radius, other.radius, gap)
+
+    def of_frames(self, some: slice) -> CurvePair:
+        """Return the same in some of the frames."""
+        one, other = (Curve(c.s, c.position[some], c.tangent[some]) for c in (self.one, self.other))
+        return replace(self, one=one, other=other)
 
     @property
     def radii(self) -> float:

@@ -7,6 +7,7 @@ its ends is its length: it bounds the ball that holds it (:func:`balls`) and how
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from . import rotations
 from .results import CableMotion
 from .rotations import Array
 from .vectors import Indices, dots, lengths
+
+FRAMES = 500  # that are looked at as a whole at a time: each takes some 30 kB meanwhile
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +44,13 @@ class Curve:
         p, q = self.position[frame, j], self.position[frame, j + 1]
         return hermite(h, x, p, q, self.tangent[frame, j], self.tangent[frame, j + 1])
 
+    def grid(self, s: Array) -> Array:
+        """Return the points (P, M, 3), m, of all frames at arc lengths (M,), m."""
+        points = np.empty((len(self.position), len(s), 3))
+        for some in in_blocks(np.arange(len(points))):
+            points[some] = self.at(np.repeat(some, len(s)), np.tile(s, len(some))).reshape(len(some), len(s), 3)
+        return points
+
     def slope(self, frame: Indices, s: Array) -> Array:
         """Return the derivatives (k, 3) of :meth:`at` along the arc; unit vectors up to third order."""
         j, h, x = self._place(s)
@@ -51,15 +61,24 @@ class Curve:
 
     def seen_from(self, position: Array, quaternion: Array) -> Curve:
         """Return the curve in the coordinates of a body that stands at poses (P, 3), (P, 4)."""
-        back = rotations.conjugate(quaternion)[:, None]
-        moved = self.position - position[:, None]
-        return Curve(self.s, rotations.rotate(back, moved), rotations.rotate(back, self.tangent))
+        seen = Curve(self.s, np.empty_like(self.position), np.empty_like(self.tangent))
+        for some in in_blocks(np.arange(len(self.position))):
+            back = rotations.conjugate(quaternion[some])[:, None]
+            seen.position[some] = rotations.rotate(back, self.position[some] - position[some, None])
+            seen.tangent[some] = rotations.rotate(back, self.tangent[some])
+        return seen
 
     def _place(self, s: Array) -> tuple[Indices, Array, Array]:
         """Return the intervals (k,) that hold ``s`` (k,), their lengths, m, and the shares before ``s``."""
         j = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         h = self.s[j + 1] - self.s[j]
         return j, h, (s - self.s[j]) / h
+
+
+def in_blocks(frames: Indices) -> Iterator[Indices]:
+    """Yield frames (k,) some at a time, so that what is worked on together takes bounded memory."""
+    for first in range(0, len(frames), FRAMES):
+        yield frames[first : first + FRAMES]
 
 
 def hermite(h: Array, x: Array, p: Array, q: Array, u: Array, v: Array) -> Array:

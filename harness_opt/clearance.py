@@ -39,6 +39,8 @@ from .solved_frames import Solve, SolvedFrames
 
 __all__ = ["Between", "ClearanceResult", "Curve", "Options", "PairClearance", "Witnesses", "measure"]
 
+MOST_VIEWS = 4  # of one cable from bodies that are kept at a time: each takes as much memory as the frames
+
 
 @dataclass(frozen=True)
 class Options:
@@ -211,8 +213,12 @@ def measure(
     left_out: list[str] = []
     poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
     for number, own in enumerate(tasks):
-        seen = {body: own.curve.seen_from(*pose) for body, pose in poses.items()}
+        seen: dict[str, Curve] = {}
         for name, geometry in scene.parts.items():
+            if geometry.body not in seen:
+                if len(seen) == MOST_VIEWS:
+                    seen.clear()
+                seen[geometry.body] = own.curve.seen_from(*poses[geometry.body])
             task = replace(own, curve=seen[geometry.body], limit=problem.clearance_limit(name))
             excluded = _excluded(problem, task, geometry.body)
             if sum(excluded) >= task.curve.s[-1]:

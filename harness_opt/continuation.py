@@ -20,7 +20,7 @@ from .boundary import Case
 from .errors import Status
 from .extrapolation import Trail
 from .rotations import Array
-from .shape import Rod
+from .shape import Defects, Rod
 from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper, valley
 from .solvers.interface import Options, Solution, Solver
 from .solvers.linear import Factor, factorise
@@ -98,7 +98,7 @@ class Solved:
         """What :func:`error_estimate` returns."""
         with np.errstate(over="ignore", invalid="ignore"):
             defects = self.rod.defects()
-        return error_from_defects(self, *defects)
+        return error_from_defects(self, defects)
 
     @property
     def lasting(self) -> Factor | None:
@@ -177,10 +177,9 @@ def error_estimate(solved: Solved) -> tuple[float, Array]:
     return solved.estimate
 
 
-def error_from_defects(
-    solved: Solved, dq: Array, dm: Array, dr: Array, turning: Array, apart: Array
-) -> tuple[float, Array]:
-    """Return what :func:`error_estimate` does, from defects (n, 4), (n, 3), (n, 3), (n,), (n,) already at hand."""
+def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
+    """Return what :func:`error_estimate` does, from the shape's defects already at hand."""
+    dq, dm, dr, turning, apart, behind = defects
     mesh = solved.bound.mesh
     n, s = len(mesh) - 1, STAGES
     local = apart + np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
@@ -190,9 +189,16 @@ def error_from_defects(
     residual = np.zeros(solved.bound.transcription.size)
     blocks = residual[4 : 4 + n * (4 * s + 7)].reshape(n, 4 * s + 7)
     turns, moments = blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :]
-    turns += dq
-    moments += dm
     kind = solved.case.boundary.kind
+    before = 1.0 - behind[:, None]
+    turns += behind[:, None] * dq
+    moments += behind[:, None] * dm
+    turns[:-1] += (before * dq)[1:]
+    moments[:-1] += (before * dm)[1:]
+    if kind.start_orientation:
+        residual[:4] = before[0] * dq[0]
+    else:
+        residual[1:4] = before[0] * dm[0]
     if kind.start_position and kind.end_position:
         residual[4 + n * (4 * s + 7) :][:3] = -dr.sum(axis=0)
     # that of the last iteration is good enough, but where a shape may turn freely: off it, that turn looks determined

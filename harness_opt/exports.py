@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -61,9 +62,16 @@ def export(folder: str | Path, kind: str, target: str | Path, folders: Iterable[
         return [line.replace(str(aside), str(target), 1) for line in writers[kind](motion, scene, aside)]
 
 
-def _file_name(name: str) -> str:
-    """Return a cable's or a part's name as that of a file."""
-    return "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
+def _file_names(names: Iterable[str]) -> dict[str, str]:
+    """Return names of cables or parts as those of files: no two the same, not even where capitals don't count."""
+    found: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in names:
+        plain = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
+        tried = (plain if number == 1 else f"{plain}-{number}" for number in itertools.count(1))
+        found[name] = next(one for one in tried if one.casefold() not in taken)
+        taken.add(found[name].casefold())
+    return found
 
 
 def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, frame: int) -> dict[str, Array]:
@@ -86,6 +94,7 @@ def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, f
 
 def _csv(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
     measured = measure(motion.problem, scene, motion.motion, motion.cables)
+    files = _file_names(motion.cables)
     for name, shapes in motion.cables.items():
         rows = []
         for frame, at in enumerate(motion.motion):
@@ -96,7 +105,7 @@ def _csv(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
                 found["force"], found["moment"], found["clearance"],
             )  # fmt: skip
             rows.append(np.column_stack(columns))
-        file = target / f"{_file_name(name)}.csv"
+        file = target / f"{files[name]}.csv"
         text = io.StringIO()
         np.savetxt(text, np.vstack(rows), fmt="%.10g", delimiter=",")
         # no number is an empty cell to spreadsheets
@@ -113,9 +122,9 @@ def _gltf(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
 def _stl(motion: Motion, _scene: Scene, target: Path) -> Iterator[str]:
     import trimesh
 
-    for name in motion.cables:
+    for name, plain in _file_names(motion.cables).items():
         swept = swept_volume(motion, name)
-        file = target / f"swept_{_file_name(name)}_m.stl"
+        file = target / f"swept_{plain}_m.stl"
         trimesh.Trimesh(swept.vertices, swept.faces, process=False).export(file)
         litres = f"{1e6 * swept.volume:.1f} cm3"
         yield f"{file}: {litres} in metres, nowhere more than {1e3 * swept.excess:.2f} mm too large"
@@ -128,6 +137,7 @@ def _paraview(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
     data = target / "frames"
     data.mkdir(exist_ok=True)
     solids = {name: pyvista.PolyData.from_regular_faces(*triangles(part)) for name, part in scene.parts.items()}
+    cables, parts = _file_names(motion.cables), _file_names(solids)
     entries: list[str] = []
     written: set[Path] = set()
     for frame, at in enumerate(motion.motion):
@@ -137,12 +147,12 @@ def _paraview(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
             for key, values in _along(motion, scene, measured, name, frame).items():
                 line.point_data[key] = values
             line.field_data["radius"] = [motion.problem.cables[name].cable.radius]
-            shown[f"cable_{_file_name(name)}_{frame:05d}.vtp"] = line
+            shown[f"cable_{cables[name]}_{frame:05d}.vtp"] = line
         for name, solid in solids.items():
             body = scene.parts[name].body
-            number = "" if motion.problem.body(body).motion is None else f"_{frame:05d}"
+            number = "" if motion.problem.body(body).motion is None else f".{frame:05d}"  # no name has a dot
             placed = solid.transform(placement(*pose_at(motion, frame, body)), inplace=False)
-            shown[f"part_{_file_name(name)}{number}.vtp"] = placed
+            shown[f"part_{parts[name]}{number}.vtp"] = placed
         for place, (name, mesh) in enumerate(shown.items()):
             if data / name not in written:
                 mesh.save(data / name)

@@ -23,6 +23,7 @@ from .solvers.linear import Factor
 MOST_HELD = 200_000_000  # bytes of frames that stay in memory, of all cables of a problem together
 NODES_AT_A_TIME = 4096  # of which something is asked: each takes some 10 kB meanwhile
 MOST_AT_A_TIME = 256  # frames
+OBJECTS = 8_000  # bytes of a frame beside its numbers
 LAST = 20  # frames that are kept whatever they take: whoever follows a cable goes back by no more
 
 
@@ -76,9 +77,13 @@ class Frames(Sequence[Solved]):
             self._stow()
 
     def cut(self, count: int) -> None:
-        """Keep the first ``count`` frames alone: all that are on disk, or more."""
-        del self._held[count - len(self._stowed) :]
-        del self._estimates[count // self._block :]
+        """Keep the first ``count`` frames alone."""
+        if not len(self):
+            return
+        block = self._block
+        whole = min(len(self._stowed), count // block * block)
+        self._held, self._stowed = self[whole:count], self._stowed[:whole]
+        del self._estimates[count // block :]
         self._recount()
 
     def errors(self) -> tuple[Array, Array]:
@@ -102,7 +107,7 @@ class Frames(Sequence[Solved]):
             return self._estimates[number]
         with np.errstate(over="ignore", invalid="ignore"):
             defects = batch(frames).defects()
-        found = [error_from_defects(frame, *(d[k] for d in defects)) for k, frame in enumerate(frames)]
+        found = [error_from_defects(frame, defects.of(k)) for k, frame in enumerate(frames)]
         estimate = np.array([error for error, _ in found]), np.max([local for _, local in found], axis=0)
         if len(frames) == self._block and number == len(self._estimates):
             self._estimates.append(estimate)
@@ -132,7 +137,7 @@ class Frames(Sequence[Solved]):
 
     def _count(self, frame: Solved) -> None:
         """Add what a frame takes; a factorised Jacobian that several share counts once."""
-        self._bytes += 3 * frame.solution.x.nbytes  # with the states at the nodes, and the last solves that led there
+        self._bytes += 2 * frame.solution.x.nbytes + OBJECTS  # with the states at the nodes
         for factor in (frame.solution.factor, vars(frame).get("factor")):
             if isinstance(factor, Factor) and id(factor) not in self._counted:
                 self._counted.add(id(factor))

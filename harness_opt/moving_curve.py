@@ -20,6 +20,7 @@ Where the cable snaps, or no shape is found, nothing is known between the two fr
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ RAISE = 1.5  # times the largest difference met over the one estimated, where it
 LEAST = 0.1  # of the largest estimate along the cable: near a clamp it can vanish by chance
 STRETCH = 2.0  # times what is seen half-way between two frames
 PIECES = 4  # of an interval, between which a cubic is bounded by interpolation
+BLOCK = 256  # intervals that are bounded at a time: each takes some 100 kB meanwhile
 ROUNDING = 1e-12  # of the cable's length: differences of positions below this are rounding
 
 Poses = Callable[[Array], tuple[Array, Array]]  # motion values (k,) to positions (k, 3), m, and quaternions (k, 4)
@@ -75,19 +77,21 @@ class MovingCurve:
     def at(self, interval: Indices, at: Array, s: Array) -> Array:
         """Return points (k, 3), m, at motion values ``at`` (k,) within intervals (k,) and arc lengths ``s`` (k,)."""
         share = (at - self.times[interval]) / (self.times[interval + 1] - self.times[interval])
-        powers = share[:, None] ** np.arange(NODES)
-        j = self.arc(s)
+        weights = np.einsum("kp,kpi->ki", share[:, None] ** np.arange(NODES), self._basis[interval])
+        nodes, j = self._nodes[interval], self.arc(s)
 
-        def now(coefficients: Array, station: Indices) -> Array:
-            return np.einsum("kp,kpc->kc", powers, coefficients[interval, :, station])
+        def now(values: Array, station: Indices) -> Array:
+            return np.einsum("ki,kic->kc", weights, values[nodes, station[:, None]])
 
         h = self.s[j + 1] - self.s[j]
-        ends = (now(values, station) for values in (self._r, self._u) for station in (j, j + 1))
+        ends = (now(values, station) for values in (self.position, self.tangent) for station in (j, j + 1))
         return hermite(h, (s - self.s[j]) / h, *ends)
 
     def bent(self, interval: int, low: float, high: float) -> Array:
         """Return the most of |r_ss| on the arcs between stations (N - 1,), from share ``low`` to ``high``, 1/m."""
-        return np.max([self._most(end[interval : interval + 1], low, high)[0] for end in self._bends], axis=0)
+        nodes = self._nodes[interval : interval + 1]
+        ends = _bends(self.s, self._basis[interval : interval + 1], self.position[nodes], self.tangent[nodes])
+        return np.max([_most(end, low, high)[0] for end in ends], axis=0)
 
     def insert(self, values: Array) -> bool:
         """Solve frames at motion values (k,), each inside an interval; return whether estimates were raised for it."""
@@ -176,18 +180,6 @@ class MovingCurve:
         self._basis[line] = 0.0
         self._basis[line, 0, 0], self._basis[line, 1, 0], self._basis[line, 1, 1] = 1.0, -1.0, 1.0
 
-    @staticmethod
-    def _most(c: Array, low: float = 0.0, high: float = 1.0) -> Array:
-        """Return the most of |x| over intervals (k, n), of cubics with coefficients (k, 4, n, 3).
-
-        That is from share ``low`` to ``high``. Between samples it is above a line by no more than linear
-        interpolation's error.
-        """
-        share = np.linspace(low, high, PIECES + 1)
-        values = [lengths(np.einsum("p,kpnc->knc", x ** np.arange(NODES), c)) for x in share]
-        curved = 2 * lengths(c[:, 2]) + 6 * high * lengths(c[:, 3])
-        return np.max(values, axis=0) + 0.125 * ((high - low) / PIECES) ** 2 * curved
-
     def _bounds(self) -> None:
         """Bound the cubics' derivatives over intervals and arcs, and estimate how far off they are.
 
@@ -195,11 +187,53 @@ class MovingCurve:
         (P - 1, N - 1), and ``turn_acceleration``, that of ``r_s``; ``deviation``, m, and ``turn_deviation``, that of
         ``r_s``, too; and ``stretch``, by how much ``|r_s|`` differs from 1, (P - 1,).
         """
-        h = np.diff(self.s)
-        nodes = self._nodes
+        some = (slice(first, first + BLOCK) for first in range(0, len(self._nodes), BLOCK))
+        found = [
+            _Bounds.of(self.s, self._basis[k], self.position[self._nodes[k]], self.tangent[self._nodes[k]])
+            for k in some
+        ]
+        bounds = _Bounds(*map(np.concatenate, zip(*found, strict=True)))
+        self.speed, self.acceleration, self.bend = bounds.speed, bounds.acceleration, bounds.bend
+        self.turn_acceleration, self.stretch = bounds.turn_acceleration, bounds.stretch
+        gaps = np.abs(np.linspace(0.0, 1.0, 33)[None, :, None] - self._places[:, None])
+        outer = (self._places < -1e-9) | (self._places > 1 + 1e-9)
+        change = np.zeros(len(self._nodes))
+        for left_out in range(NODES):
+            others = np.delete(gaps, left_out, axis=2).prod(axis=2).max(axis=1)
+            change = np.maximum(change, np.where(outer[:, left_out], others, 0.0))
+        cubes = np.diff(self.times)[:, None] ** 3
+        third, turn = (
+            _neighbours(values / cubes) * cubes * change[:, None] for values in (bounds.third, bounds.turn_third)
+        )
+        trust = self._trust[:, None]
+        self.deviation = trust * np.maximum(
+            third, np.maximum(LEAST * third.max(axis=1), ROUNDING * self.s[-1])[:, None]
+        )
+        self.turn_deviation = trust * np.maximum(turn, ROUNDING)
 
-        def coefficients(values: Array) -> Array:
-            return np.einsum("kpi,kinc->kpnc", self._basis, values[nodes])
+
+class _Bounds(NamedTuple):
+    """Bounds on the derivatives of cubics in the motion, over k intervals and the arcs between N stations.
+
+    Args:
+        speed, acceleration, third: of the first three by the motion, m per interval, its square and cube, (k, N - 1).
+        turn_acceleration, turn_third: of those of ``r_s``.
+        bend: of ``|r_ss|``, 1/m, (k, N - 1).
+        stretch: by how much ``|r_s|`` differs from 1, (k,).
+    """
+
+    speed: Array
+    acceleration: Array
+    third: Array
+    turn_acceleration: Array
+    turn_third: Array
+    bend: Array
+    stretch: Array
+
+    @classmethod
+    def of(cls, s: Array, basis: Array, position: Array, tangent: Array) -> _Bounds:
+        """Return the bounds of the cubics that go through ``position`` and ``tangent`` (k, 4, N, 3) by ``basis``."""
+        h = np.diff(s)
 
         def largest(r: Array, u: Array) -> Array:
             """Return the most of |r| on the arcs between stations, of cubics with values r and slopes u."""
@@ -211,39 +245,48 @@ class MovingCurve:
             bulge = np.diff(r, axis=1) / h[:, None] - 0.5 * (u[:, 1:] + u[:, :-1])
             return np.maximum(lengths(u[:, 1:]), lengths(u[:, :-1])) + 1.5 * lengths(bulge)
 
-        r, u = coefficients(self.position), coefficients(self.tangent)
+        r, u = _coefficients(basis, position), _coefficients(basis, tangent)
         # a cubic's second derivative is linear, so largest at an end; its first is off a line by an eighth
         ends = [[2 * x[:, 2], 2 * x[:, 2] + 6 * x[:, 3]] for x in (r, u)]
-        self.acceleration = np.maximum(*(largest(a, b) for a, b in zip(*ends, strict=True)))
-        self.turn_acceleration = np.maximum(*(steepest(a, b) for a, b in zip(*ends, strict=True)))
+        acceleration = np.maximum(*(largest(a, b) for a, b in zip(*ends, strict=True)))
+        turn_acceleration = np.maximum(*(steepest(a, b) for a, b in zip(*ends, strict=True)))
         ends = [[x[:, 1], x[:, 1] + 2 * x[:, 2] + 3 * x[:, 3]] for x in (r, u)]
-        third = largest(6 * r[:, 3], 6 * u[:, 3])
-        self.speed = np.maximum(*(largest(a, b) for a, b in zip(*ends, strict=True))) + 0.125 * third
-        # the second derivative of a frame's cubic along the arc is linear between stations too
-        step = (self.position[:, 1:] - self.position[:, :-1]) / h[:, None]
-        before, after = self.tangent[:, :-1], self.tangent[:, 1:]
-        ends_of_arc = [6 * step - 4 * before - 2 * after, 2 * before + 4 * after - 6 * step]
-        self._r, self._u = r, u
-        self._bends = [coefficients(end) / h[:, None] for end in ends_of_arc]
-        self.bend = np.maximum(*(self._most(end) for end in self._bends))
-        halfway = 0.5 ** np.arange(NODES)
-        self.stretch = STRETCH * np.abs(1.0 - lengths(np.einsum("p,kpnc->knc", halfway, u))).max(axis=1)
-        gaps = np.abs(np.linspace(0.0, 1.0, 33)[None, :, None] - self._places[:, None])
-        outer = (self._places < -1e-9) | (self._places > 1 + 1e-9)
-        change = np.zeros(len(nodes))
-        for left_out in range(NODES):
-            others = np.delete(gaps, left_out, axis=2).prod(axis=2).max(axis=1)
-            change = np.maximum(change, np.where(outer[:, left_out], others, 0.0))
-        cubes = np.diff(self.times)[:, None] ** 3
-        third, turn = (
-            _neighbours(values / cubes) * cubes * change[:, None]
-            for values in (largest(r[:, 3], u[:, 3]), steepest(r[:, 3], u[:, 3]))
-        )
-        trust = self._trust[:, None]
-        self.deviation = trust * np.maximum(
-            third, np.maximum(LEAST * third.max(axis=1), ROUNDING * self.s[-1])[:, None]
-        )
-        self.turn_deviation = trust * np.maximum(turn, ROUNDING)
+        speed = np.maximum(*(largest(a, b) for a, b in zip(*ends, strict=True)))
+        speed = speed + 0.125 * largest(6 * r[:, 3], 6 * u[:, 3])
+        bend = np.maximum(*(_most(end) for end in _bends(s, basis, position, tangent)))
+        halfway = np.einsum("p,kpnc->knc", 0.5 ** np.arange(NODES), u)
+        stretch = STRETCH * np.abs(1.0 - lengths(halfway)).max(axis=1)
+        third, turn_third = largest(r[:, 3], u[:, 3]), steepest(r[:, 3], u[:, 3])
+        return cls(speed, acceleration, third, turn_acceleration, turn_third, bend, stretch)
+
+
+def _coefficients(basis: Array, values: Array) -> Array:
+    """Return the coefficients (k, 4, n, 3) of the cubics through ``values`` (k, 4, n, 3), by powers of the share."""
+    return np.einsum("kpi,kinc->kpnc", basis, values)
+
+
+def _bends(s: Array, basis: Array, position: Array, tangent: Array) -> list[Array]:
+    """Return the coefficients (k, 4, N - 1, 3) of ``r_ss`` at the start and the end of every arc.
+
+    The second derivative of a frame's cubic along the arc is linear between stations.
+    """
+    h = np.diff(s)[:, None]
+    step = (position[:, :, 1:] - position[:, :, :-1]) / h
+    before, after = tangent[:, :, :-1], tangent[:, :, 1:]
+    ends = [6 * step - 4 * before - 2 * after, 2 * before + 4 * after - 6 * step]
+    return [_coefficients(basis, end) / h for end in ends]
+
+
+def _most(c: Array, low: float = 0.0, high: float = 1.0) -> Array:
+    """Return the most of |x| over intervals (k, n), of cubics with coefficients (k, 4, n, 3).
+
+    That is from share ``low`` to ``high``. Between samples it is above a line by no more than linear interpolation's
+    error.
+    """
+    share = np.linspace(low, high, PIECES + 1)
+    values = [lengths(np.einsum("p,kpnc->knc", x ** np.arange(NODES), c)) for x in share]
+    curved = 2 * lengths(c[:, 2]) + 6 * high * lengths(c[:, 3])
+    return np.max(values, axis=0) + 0.125 * ((high - low) / PIECES) ** 2 * curved
 
 
 def _neighbours(values: Array) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 
 from . import rotations
 from .body_motion import Rates
-from .centreline import Curve
+from .centreline import Curve, in_blocks
 from .clearance_search import Certificate, Task, Witnesses
 from .moving_curve import MovingCurve, Poses
 from .part_clearance import survey
@@ -124,13 +124,12 @@ class PartSearch(Search):
         """See :meth:`Search.first_cells`: between stations and frames, by balls round the four corners."""
         curve, arcs = self._curve, self._arcs
         frames = np.arange(len(curve.times))
-        seen = self._seen.frames(frames)
         lower = np.empty((len(frames), len(arcs)))
         new = np.flatnonzero(~np.isin(curve.times, curve.frames.given))
         lower[np.setdiff1d(frames, new)] = self._lower
         if len(new):
             lower[new] = survey(self.task, self._seen.frames(new), self._geometry, arcs, -math.inf)[1]
-        y = seen.at(np.repeat(frames, len(arcs)), np.tile(arcs, len(frames))).reshape(len(frames), len(arcs), 3)
+        y = np.concatenate([self._seen.frames(some).grid(arcs) for some in in_blocks(frames)])
         # whole intervals first: nothing in one is further from a place that was looked at than half the ways
         ways = 0.5 * lengths(np.diff(y, axis=0)).max(axis=1) + 0.5 * np.diff(arcs).max()
         step = np.diff(curve.times)

@@ -68,8 +68,7 @@ def survey(task: Task, curve: Curve, geometry: Geometry, arcs: Array, horizon: f
     """
     samples = Samples(curve, geometry, task.radius)
     frames = np.arange(len(curve.position))
-    points = curve.at(np.repeat(frames, len(arcs)), np.tile(arcs, len(frames)))
-    lower = geometry.lower_bound(points).reshape(len(frames), len(arcs)) - task.radius
+    lower = geometry.lower_bound(curve.grid(arcs).reshape(-1, 3)).reshape(len(frames), len(arcs)) - task.radius
     if lower.min() > task.far:  # one place a frame will do
         nearest = np.argmin(lower, axis=1)
         lower[frames, nearest], minima = samples(frames, arcs[nearest])

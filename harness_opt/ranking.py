@@ -9,7 +9,7 @@ import numpy as np
 
 from .file_quantities import Quantity
 from .influence import Linear
-from .limits import limit_label
+from .limits import STRAIGHT, limit_label
 from .redesign_summary import FILE_WORDS
 from .tolerances import Tolerance
 
@@ -64,9 +64,15 @@ def _unit(found: Linear, name: str) -> float:
     """Return what a scaled margin of a limit is multiplied by: to be in the file's unit, at its worst place."""
     scale = float(found.scales[found.names.index(name)])
     kind = name.partition(" of ")[0].replace(" ", "_")
-    if kind == "bend_radius":  # the scaled margin is 1 - limit x curvature; the radius is the limit over what is left
-        return scale / (1.0 - float(found.margin[found.worst(name)]))
+    if kind == "bend_radius":
+        return scale / _bent(found, name)
     return scale * FILE_WORDS.get(kind, ("", 1.0))[1]
+
+
+def _bent(found: Linear, name: str) -> float:
+    """Return limit x curvature where a bend radius is smallest; of a straight cable as the limits give it."""
+    scale = float(found.scales[found.names.index(name)])  # the limit; the scaled margin is 1 - limit x curvature
+    return max(1.0 - float(found.margin[found.worst(name)]), scale * STRAIGHT)
 
 
 def ranked(found: Linear, name: str, tolerances: Mapping[str, Tolerance] | None = None) -> list[Effect]:
@@ -80,7 +86,7 @@ def ranked(found: Linear, name: str, tolerances: Mapping[str, Tolerance] | None 
     row, effects = found.worst(name), []
     unit = _unit(found, name)
     if name.startswith("bend radius"):  # d(1 / curvature) = radius x (scaled change) / (what is left of 1)
-        unit /= 1.0 - float(found.margin[row])
+        unit /= _bent(found, name)
     for quantity, rate in zip(found.quantities, found.rate[row], strict=True):
         step, amount = step_of(quantity)
         spread = (tolerances or {}).get(quantity.key)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +49,7 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
     from .folders import check_own
     from .influence import linear
     from .ranking import ranked, tightest, worst_margin
+    from .report import as_json as as_strict_json
     from .scene import load_scene
     from .study_table import write_bytes
     from .tables import UNITS
@@ -70,7 +71,7 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
     write_bytes(folder / TABLE, _csv(found, subject.tolerances).encode())
     scaled = [_scaled(effect, factor) for effect in effects]
     if as_json:
-        voice.say(json.dumps({"limit": name, "unit": unit, "effects": [vars(effect) for effect in scaled]}, indent=2))
+        voice.say(as_strict_json({"limit": name, "unit": unit, "effects": [vars(effect) for effect in scaled]}))
     else:
         voice.say("\n".join([heading, "", *_lines(scaled, unit), "", f"Table: {folder / TABLE}"]))
     try:
@@ -147,5 +148,7 @@ def _csv(found: Linear, tolerances: Mapping[str, Tolerance]) -> str:
     writer.writerow(["key", "per", "tolerance", *columns])
     for quantity in found.quantities:
         effects = [column[quantity.key] for column in columns.values()]
-        writer.writerow([quantity.key, effects[0].step, effects[0].tolerance, *(e.per_step for e in effects)])
+        # what is not known is an empty cell
+        known = (e.per_step if math.isfinite(e.per_step) else None for e in effects)
+        writer.writerow([quantity.key, effects[0].step, effects[0].tolerance, *known])
     return text.getvalue()

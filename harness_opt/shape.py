@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import rod, rotations
 from .long_elements import LongElements
@@ -23,6 +25,7 @@ STRETCHES = 3  # series along an element, for what it misses: of two, their own 
 # decay lengths of a tension, and rad of a twisting moment's waves, that an element may have: beyond, what rounding
 # leaves at a node swamps its series
 SPAN, WAVES = 20.0, 60.0
+FOLLOWED = 6.0  # decay lengths up to which an element grows what it misses at its start as the exact solution does
 ENERGY_POINTS = 6  # Gauss points an element for energies
 
 
@@ -41,6 +44,27 @@ class Samples:
     force: Array
     moment: Array
     omega: Array
+
+
+class Defects(NamedTuple):
+    """By how much the elements of one or many shapes miss the rod's equations, and how far samples are from them.
+
+    Args:
+        dq, dm, dr: quaternions (..., n, 4), moments in the world frame and positions (..., n, 3) that are missed.
+        turning, apart: in its middle, by what is sampled from either node, rad and L, (..., n).
+        behind: the part of what is missed that shows at the element's end, (n,); the rest does at its start.
+    """
+
+    dq: Array
+    dm: Array
+    dr: Array
+    turning: Array
+    apart: Array
+    behind: Array
+
+    def of(self, k: int) -> Defects:
+        """Return those of one of many shapes."""
+        return Defects(self.dq[k], self.dm[k], self.dr[k], self.turning[k], self.apart[k], self.behind)
 
 
 @dataclass(frozen=True)
@@ -73,13 +97,20 @@ class Rod:
         return rod.series(self.q, self.r, self.force, self.moment, self.section, self.load, SERIES_ORDER)
 
     @functools.cached_property
-    def long(self) -> Array:
+    def long(self) -> NDArray[np.bool_]:
         """Whether an element is longer, in any of the shapes, than a power series spans, (n,)."""
-        none = np.zeros_like(self.force)
-        growing = rod.wave_numbers(self.force, none, self.section.stiffness) / SPAN
-        waving = rod.wave_numbers(none, self.moment, self.section.stiffness) / WAVES
-        most = np.maximum(growing, waving).reshape(-1, len(self.mesh)).max(axis=0)
-        return np.asarray(np.maximum(most[1:], most[:-1]) * np.diff(self.mesh) > 1.0)
+        waving = rod.wave_numbers(np.zeros_like(self.force), self.moment, self.section.stiffness)
+        return np.asarray(np.maximum(self._decay_lengths / SPAN, self._along(waving) / WAVES) > 1.0)
+
+    @functools.cached_property
+    def _decay_lengths(self) -> Array:
+        """Of a tension, the most in any of the shapes, in each element (n,)."""
+        return self._along(rod.wave_numbers(self.force, np.zeros_like(self.force), self.section.stiffness))
+
+    def _along(self, rates: Array) -> Array:
+        """Return the most that ``rates`` (..., n + 1) at the nodes come to in each element (n,)."""
+        most = rates.reshape(-1, len(self.mesh)).max(axis=0)
+        return np.asarray(np.maximum(most[1:], most[:-1]) * np.diff(self.mesh))
 
     def _long_elements(self, series: rod.Series) -> LongElements:
         """Return the elements that are :attr:`long`."""
@@ -117,21 +148,27 @@ class Rod:
         strain = omega - self.section.rest_curvature
         return Samples(r, q, force, rotations.rotate(q, strain * self.section.stiffness), omega)
 
-    def defects(self, series: rod.Series | None = None) -> tuple[Array, Array, Array, Array, Array]:
+    def defects(self, series: rod.Series | None = None) -> Defects:
         """Return by how much each element misses the rod's equations, and how far its samples are from them.
 
-        The node at its end misses the exact solution through the one before by a quaternion (..., n, 4), a moment in
-            the world frame (..., n, 3) and a position (..., n, 3): the local truncation error of the collocation. In
-            its middle, what is sampled from either node differs by a turning, rad, and a distance (..., n).
+        The local truncation error of the collocation is by how much the node at an element's end misses the exact
+        solution through the one before. Where a tension makes that grow faster than the collocation does, it is by how
+        much the exact solutions through both nodes disagree in the middle, half of it at either end.
         """
         series = self.series() if series is None else series
         steps = np.diff(self.mesh)
         dq, dm, dr = self._misses(series, steps)
         half = np.broadcast_to(0.5 * steps, (*self.q.shape[:-2], len(steps)))
-        (q0, q1), (r0, r1) = (
-            (rod.evaluate(of[..., :-1, :], half), rod.evaluate(of[..., 1:, :], -half)) for of in (series.q, series.r)
+        (q0, q1), (r0, r1), (m0, m1) = (
+            (rod.evaluate(of[..., :-1, :], half), rod.evaluate(of[..., 1:, :], -half))
+            for of in (series.q, series.r, series.moment)
         )
         turning, apart = 2.0 * np.linalg.norm(q1 - q0, axis=-1), np.linalg.norm(r1 - r0, axis=-1)
+        stiff = self._decay_lengths > FOLLOWED
+        if np.any(stiff):
+            jump = rotations.rotate(q1, m1) - rotations.rotate(q0, m0)
+            for missed, there in ((dq, q1 - q0), (dm, jump), (dr, r1 - r0)):
+                missed[..., stiff, :] = there[..., stiff, :]
         if np.any(self.long):
             long = self.long
             dq[..., long, :], dr[..., long, :] = self._long_elements(series).defects()
@@ -140,7 +177,7 @@ class Rod:
             dm[..., long, :] = moments[..., long, :]
             turning[..., long] = 2.0 * np.linalg.norm(dq[..., long, :], axis=-1)
             apart[..., long] = np.linalg.norm(dr[..., long, :], axis=-1)
-        return dq, dm, dr, turning, apart
+        return Defects(dq, dm, dr, turning, apart, np.where(stiff | self.long, 0.5, 1.0))
 
     def _misses(self, series: rod.Series, steps: Array) -> tuple[Array, Array, Array]:
         """Return by how much nodes miss the exact solutions through those before; these go there by a few series."""

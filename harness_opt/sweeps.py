@@ -165,18 +165,23 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
 def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
     """Return the plain arrays of a sweep at equally spaced stations."""
     units = swept.units
-    s = np.linspace(0.0, 1.0, stations)
-    samples = [rods.sample(s) for rods in blocks(swept.frames)]
-    r, q, omega, force, moment = (
-        np.concatenate([getattr(one, key) for one in samples]) for key in ("r", "q", "omega", "force", "moment")
-    )
+    s, count = np.linspace(0.0, 1.0, stations), len(swept.frames)
+    # a block at a time into its place: all frames are not there twice
+    r, omega, force, moment = (np.empty((count, stations, 3)) for _ in range(4))
+    q, first = np.empty((count, stations, 4)), 0
+    for rods in blocks(swept.frames):
+        some = slice(first, first + len(rods.q))
+        samples, first = rods.sample(s), some.stop
+        r[some] = swept.origins[some, None, :] + units.length * samples.r
+        q[some], omega[some] = samples.q, samples.omega / units.length
+        force[some], moment[some] = units.force * samples.force, units.moment * samples.moment
     return CableMotion(
         s * units.length,
-        swept.origins[:, None, :] + units.length * r,
+        r,
         q,
-        omega / units.length,
-        units.force * force,
-        units.moment * moment,
+        omega,
+        force,
+        moment,
         swept.stability.index == 0,
         swept.stability.margin,
         np.array([frame.solution.residual for frame in swept.frames]),

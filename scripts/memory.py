@@ -5,7 +5,8 @@
 
 Each row is a whole ``harness-opt simulate`` in a process of its own, report included, pictures left out: the most
 memory that it held at any time, its time, and whether everything was certified. Scenes are made here: a
-cable over a hinge among balls of 1,280 triangles each that stand clear of it, or several cables side by side.
+cable over a hinge among balls of 1,280 triangles each that stand clear of it, or several cables side by side; some on
+far more elements than they need, so that their frames have to go to disk.
 ``memory.csv`` is the table; the exit code is 1 where a row is above the 2 GB that all have to keep to.
 """
 
@@ -38,16 +39,19 @@ class Scene:
 
     Args:
         frames, parts, cables: how many.
+        elements: of each cable, at least.
     """
 
     frames: int
     parts: int
     cables: int
+    elements: int = 0
 
     @property
     def name(self) -> str:
         """For the table."""
-        return f"{self.frames} frames x {self.parts} parts x {self.cables} cables"
+        fine = f" x {self.elements} elements" if self.elements else ""
+        return f"{self.frames} frames x {self.parts} parts x {self.cables} cables{fine}"
 
     def text(self) -> str:
         """Return the problem file; the clamp's way is a quarter of a circle."""
@@ -71,7 +75,11 @@ class Scene:
         return "\n".join(lines) + "\n"
 
 
-SCENES = (Scene(1000, 20, 1), Scene(100, 3, 10), Scene(9900, 1, 1))
+SCENES = (
+    Scene(1000, 20, 1), Scene(100, 3, 10),
+    Scene(1000, 1, 1), Scene(3000, 1, 1), Scene(9900, 1, 1),
+    Scene(150, 1, 1, 256), Scene(1000, 1, 1, 256), Scene(3000, 1, 1, 256),
+)  # fmt: skip
 QUICK = (Scene(200, 20, 1), Scene(20, 3, 10))
 
 
@@ -91,6 +99,8 @@ def run(scene: Scene, folder: Path) -> dict[str, object]:
     (folder / "scene.toml").write_text(scene.text(), encoding="utf-8")
     code = (
         "import sys; from harness_opt.cli import main; sys.path.append(sys.argv[1]); from memory import most_memory;"
+        "import functools, harness_opt.motion as m;"
+        "m.simulate = functools.partial(m.simulate, elements=int(sys.argv[2]));"
         "code = main(['simulate', 'scene.toml', '-o', 'result', '-q', '--json']);"
         "print(most_memory(), file=sys.stderr); sys.exit(code)"
     )
@@ -99,7 +109,7 @@ def run(scene: Scene, folder: Path) -> dict[str, object]:
     # pyvista is hidden: what is measured is ours, and no graphics driver's
     hide = "import sys; sys.modules['pyvista'] = None;"
     done = subprocess.run(
-        [sys.executable, "-c", hide + code, str(Path(__file__).parent)],
+        [sys.executable, "-c", hide + code, str(Path(__file__).parent), str(scene.elements)],
         cwd=folder,
         env=environment,
         capture_output=True,

@@ -9,42 +9,8 @@ import sys
 import types
 from pathlib import Path
 
-FLAP = """\
-schema = 1
-title = "A flap"
-gravity = [0, 0, -9.81]
-
-[cables.lead]
-length = 0.3
-diameter = 0.005
-bending_stiffness = 2e-3
-torsional_stiffness = 1.5e-3
-mass_per_length = 0.05
-start = { position = [0, 0, 0], tangent = [0, 0, 1] }
-end = { body = "flap", position = [0.15, 0.02, 0], tangent = [0, 0, -1], roll_deg = 180 }
-
-[bodies.flap.motion]
-kind = "hinge"
-point = [0.2, 0, 0]
-axis = [0, 1, 0]
-from_deg = 0
-to_deg = 20
-
-[motion]
-spatial_step = 0.01
-
-[parts.ball]
-sphere = { radius = 0.02 }
-position = [0.08, 0, 0]
-
-[limits]
-clearance = 0.004
-bend_radius = 0.01
-
-[design.variables]
-"lead.length" = [0.25, 0.45]
-"""
-HIT = FLAP.replace("position = [0.08, 0, 0]", "position = [0.08, 0.01, 0.092]")
+HIT = (Path(__file__).resolve().parent.parent / "scripts" / "flap.toml").read_text(encoding="utf-8")
+FLAP = HIT.replace("position = [0.08, 0.01, 0.092]", "position = [0.08, 0, 0]")
 WALLED = HIT.replace("[0.25, 0.45]", "[0.295, 0.305]")
 PLAIN = ("--no-pictures",)
 

@@ -98,6 +98,44 @@ def test_an_export_that_fails_leaves_the_earlier_one(folder, tmp_path, monkeypat
     assert not [entry for entry in tmp_path.iterdir() if entry.name.startswith(".")]
 
 
+@pytest.fixture
+def alike(tmp_path) -> Path:
+    """A result with names that are the same as those of files."""
+    ends = ho.End((0, 0, 0), (1, 0, 0, 0)), ho.End((0.1, 0.1, 0.1), (1, 0, 0, 0), body="arm")
+    runs = [ho.CableRun(ho.Cable(length, 0.005, 2e-3, 1.5e-3), *ends) for length in (0.3, 0.32, 0.34)]
+    problem = ho.Problem(
+        dict(zip(("a b", "a_b", "A B"), runs, strict=True)),
+        bodies={"arm": ho.Body(ho.Slide((1, 0, 0), 0.0, 0.01))},
+        parts={
+            "p": ho.Part(ho.Sphere(0.01), position=(1, 0, 0), body="arm"),
+            "p_00001": ho.Part(ho.Sphere(0.02), position=(2, 0, 0)),
+            "p 00001": ho.Part(ho.Sphere(0.03), position=(3, 0, 0)),
+        },
+    )
+    file = ho.write_problem(problem, tmp_path / "alike.toml")
+    ho.write_results(ho.simulate(ho.read_problem(file), frames=[0.0, 1.0]), tmp_path / "result")
+    return tmp_path
+
+
+def test_names_that_are_alike_get_files_of_their_own(alike):
+    told = exports.export(alike / "result", "csv", alike / "out")
+    assert [line.partition(":")[0] for line in told] == [
+        str(alike / "out" / f"{name}.csv") for name in ("a_b", "a_b-2", "A_B-3")
+    ]
+    for name, length in (("a_b", 0.3), ("a_b-2", 0.32), ("A_B-3", 0.34)):
+        table = np.genfromtxt(alike / "out" / f"{name}.csv", delimiter=",", names=True)
+        assert np.max(table["arc_length_m"]) == pytest.approx(length)
+
+
+def test_parts_that_are_called_like_frames_of_others_get_files_of_their_own(alike):
+    pyvista = pytest.importorskip("pyvista", reason="pyvista (the extra 'pictures') is not installed")
+    exports.export(alike / "result", "paraview", alike / "out")
+    entries = ElementTree.parse(alike / "out" / "motion.pvd").getroot().findall(".//DataSet")
+    last = [entry.get("file") for entry in entries][-3:]
+    radii = [0.5 * np.ptp(np.asarray(pyvista.read(alike / "out" / file).points)[:, 2]) for file in last]
+    assert radii == pytest.approx([0.01, 0.02, 0.03], rel=0.02)
+
+
 def test_what_is_no_number_is_an_empty_cell(tmp_path):
     """A straight cable without parts: no radius is infinite, and no clearance is told."""
     ends = ho.End((0, 0, 0), (1, 0, 0, 0)), ho.End((0, 0, 0.3), (1, 0, 0, 0))

@@ -5,14 +5,16 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flap_file import put
+from flap_file import put, strict
 from study_examples import STUDY, placed
 
 import harness_opt as ho
+from harness_opt import ranking
 from harness_opt.clearance import measure
 from harness_opt.clearance_search import Witnesses
 from harness_opt.cli import main
@@ -28,6 +30,28 @@ from harness_opt.ranking import ranked, step_of, tightest, worst_margin
 from harness_opt.results import CableMotion
 from harness_opt.robust import smallest
 from harness_opt.scene import load_scene
+
+HANGING = """\
+schema = 1
+[cables.lead]
+length = 0.3
+diameter = 0.005
+bending_stiffness = 2e-3
+torsional_stiffness = 1.5e-3
+mass_per_length = 0.05
+start = { body = "flap", position = [0, 0, 0], tangent = [0, 0, 1] }
+end = { force = [0, 0, 0], moment = [0, 0, 0] }
+[bodies.flap.motion]
+kind = "hinge"
+point = [0.1, 0, 0]
+axis = [0, 0, 1]
+from_deg = 0
+to_deg = 60
+[motion]
+spatial_step = 0.01
+[limits]
+bend_radius = 0.02
+"""  # weightless, so straight
 
 SCENE = """\
 schema = 1
@@ -264,6 +288,30 @@ def test_the_command_on_a_study(here, capsys):
         {"cables.lead.length": 10.0, "cables.lead.stiffness_percent": 30.0, "parts.ball.position.y": 8.0}
     )
     assert content["unit"] == "mm"
+
+
+def test_a_straight_cable_has_a_bend_radius_to_speak_of(here, capsys):
+    put(HANGING, "straight.toml")
+    assert main(["sensitivity", "straight.toml", "--json"]) == 0
+    content = strict(capsys.readouterr().out)
+    assert content["limit"] == "bend radius of lead" and content["effects"]
+    text = Path("results/straight_sensitivity/sensitivity.csv").read_text()
+    assert "nan" not in text and "inf" not in text
+
+
+def test_what_is_no_number_is_null_and_an_empty_cell(here, capsys, monkeypatch):
+    monkeypatch.setattr(ranking, "ranked", lambda *given: _spoilt(ranked(*given)))
+    put(SCENE, "scene.toml")
+    assert main(["sensitivity", "scene.toml", "--json"]) == 0
+    effects = strict(capsys.readouterr().out)["effects"]
+    assert effects[0]["per_step"] is None and effects[1]["per_step"] is not None
+    with Path("results/scene_sensitivity/sensitivity.csv").open(newline="") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    assert "nan" not in cells
+
+
+def _spoilt(effects):
+    return [dataclasses.replace(effects[0], per_step=math.nan), *effects[1:]]
 
 
 def test_without_matplotlib_there_is_a_table(here, capsys, monkeypatch):

@@ -60,6 +60,21 @@ def test_what_is_on_disk_takes_no_memory():
         frames[len(frames)]
 
 
+@pytest.mark.parametrize("count", [0, 7, 60, 97])
+def test_frames_that_are_cut_off_can_be_added_again(count):
+    given = sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 100), rigour="look").frames
+    frames = Frames(given, most_held=0)
+    errors = frames.errors()[0]
+    frames.cut(count)
+    assert len(frames) == count
+    for frame in given[count:]:
+        frames.append(frame)
+    assert len(frames) == len(given) and frames.stowed > 70
+    assert all(np.array_equal(a.solution.x, b.solution.x) for a, b in zip(frames, given, strict=True))
+    # a frame that came back from disk is estimated with a Jacobian of its own, in place of one from nearby
+    assert frames.errors()[0] == pytest.approx(errors, rel=0.05)
+
+
 def test_the_file_has_no_name(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)

@@ -148,7 +148,7 @@ def test_a_result_that_had_given_way_comes_back(tmp_path):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_killed_at_any_moment(tmp_path, command):
     kill = script("kill")
-    (tmp_path / "flap.toml").write_text(kill.PROBLEM)
+    (tmp_path / "flap.toml").write_text(HIT)
     dice = random.Random(sum(command.encode()))
     ends = [kill.killed(command, tmp_path, dice, 3.0) for _ in range(KILLS)]
     assert set(ends) <= {"old", "new", "absent"}
