@@ -20,7 +20,7 @@ from .boundary import Case
 from .errors import Status
 from .extrapolation import Trail
 from .rotations import Array
-from .shape import Rod
+from .shape import Defects, Rod
 from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper, valley
 from .solvers.interface import Options, Solution, Solver
 from .solvers.linear import Factor, factorise
@@ -98,7 +98,7 @@ class Solved:
         """What :func:`error_estimate` returns."""
         with np.errstate(over="ignore", invalid="ignore"):
             defects = self.rod.defects()
-        return error_from_defects(self, *defects)
+        return error_from_defects(self, defects)
 
     @property
     def lasting(self) -> Factor | None:
@@ -171,32 +171,34 @@ def error_estimate(solved: Solved) -> tuple[float, Array]:
     error of the centreline.
 
     The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
-    estimate is of the global error and needs no second solve. What the solver left of the equations counts too.
+    estimate is of the global error and needs no second solve. What the solver left of the equations counts too, and
+    how far apart the two shapes are that both ends of an element give for its middle.
     """
     return solved.estimate
 
 
-def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple[float, Array]:
-    """Return what :func:`error_estimate` does, from defects (n, 4), (n, 3), (n, 3) already at hand."""
+def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
+    """Return what :func:`error_estimate` does, from the shape's defects already at hand."""
+    dq, dm, dr, turning, apart, behind = defects
     mesh = solved.bound.mesh
     n, s = len(mesh) - 1, STAGES
-    local = np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
+    local = apart + np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
     local = np.where(np.isfinite(local), local, np.inf)
     if not (np.all(np.isfinite(dm)) and np.max(local) < 1.0):
         return np.inf, local
     residual = np.zeros(solved.bound.transcription.size)
     blocks = residual[4 : 4 + n * (4 * s + 7)].reshape(n, 4 * s + 7)
     turns, moments = blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :]
-    # a jump in the middle of an element is half a jump at either end, up to the square of the element's length
     kind = solved.case.boundary.kind
-    turns += 0.5 * dq
-    moments += 0.5 * dm
-    turns[:-1] += 0.5 * dq[1:]
-    moments[:-1] += 0.5 * dm[1:]
+    before = 1.0 - behind[:, None]
+    turns += behind[:, None] * dq
+    moments += behind[:, None] * dm
+    turns[:-1] += (before * dq)[1:]
+    moments[:-1] += (before * dm)[1:]
     if kind.start_orientation:
-        residual[:4] = 0.5 * dq[0]
+        residual[:4] = before[0] * dq[0]
     else:
-        residual[1:4] = 0.5 * dm[0]
+        residual[1:4] = before[0] * dm[0]
     if kind.start_position and kind.end_position:
         residual[4 + n * (4 * s + 7) :][:3] = -dr.sum(axis=0)
     factor = solved.solution.factor or solved.factor  # that of the last iteration is good enough for an estimate
@@ -207,8 +209,9 @@ def error_from_defects(solved: Solved, dq: Array, dm: Array, dr: Array) -> tuple
     moved = solved.bound.centreline_rates(x, dx)[1][:: s + 1]
     # the centreline's own local errors add to those that come from the frames
     moved[1:, :, 0] += np.cumsum(dr, axis=0)
-    turned = TURNED * 2.0 * float(np.max(np.linalg.norm(dq, axis=-1)))
-    return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum()), turned), local
+    turned = TURNED * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
+    # nodes, and what is sampled between them, are off by different things
+    return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum() + apart.max()), turned), local
 
 
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:

@@ -107,7 +107,7 @@ class Frames(Sequence[Solved]):
             return self._estimates[number]
         with np.errstate(over="ignore", invalid="ignore"):
             defects = batch(frames).defects()
-        found = [error_from_defects(frame, *(d[k] for d in defects)) for k, frame in enumerate(frames)]
+        found = [error_from_defects(frame, defects.of(k)) for k, frame in enumerate(frames)]
         estimate = np.array([error for error, _ in found]), np.max([local for _, local in found], axis=0)
         if len(frames) == self._block and number == len(self._estimates):
             self._estimates.append(estimate)

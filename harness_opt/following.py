@@ -291,7 +291,7 @@ class Follower:
             defects = batch(frames).defects()
         local = np.zeros(len(mesh) - 1)
         for k, frame in enumerate(frames):
-            error, own = error_from_defects(frame, *(d[k] for d in defects))
+            error, own = error_from_defects(frame, defects.of(k))
             local = np.maximum(local, own)
             finer = finer_mesh(mesh, local, error / RESOLVED, np.inf) if error > COARSE else None
             if finer is not None:

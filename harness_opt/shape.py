@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import rod, rotations
 from .long_elements import LongElements
@@ -19,9 +21,11 @@ from .rod import Section
 from .rotations import Array
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
+STRETCHES = 3  # series along an element, for what it misses: of two, their own truncation shows on coarse meshes
 # decay lengths of a tension, and rad of a twisting moment's waves, that an element may have: beyond, what rounding
 # leaves at a node swamps its series
 SPAN, WAVES = 20.0, 60.0
+FOLLOWED = 6.0  # decay lengths up to which an element grows what it misses at its start as the exact solution does
 ENERGY_POINTS = 6  # Gauss points an element for energies
 
 
@@ -40,6 +44,27 @@ class Samples:
     force: Array
     moment: Array
     omega: Array
+
+
+class Defects(NamedTuple):
+    """By how much the elements of one or many shapes miss the rod's equations, and how far samples are from them.
+
+    Args:
+        dq, dm, dr: quaternions (..., n, 4), moments in the world frame and positions (..., n, 3) that are missed.
+        turning, apart: in its middle, by what is sampled from either node, rad and L, (..., n).
+        behind: the part of what is missed that shows at the element's end, (n,); the rest does at its start.
+    """
+
+    dq: Array
+    dm: Array
+    dr: Array
+    turning: Array
+    apart: Array
+    behind: Array
+
+    def of(self, k: int) -> Defects:
+        """Return those of one of many shapes."""
+        return Defects(self.dq[k], self.dm[k], self.dr[k], self.turning[k], self.apart[k], self.behind)
 
 
 @dataclass(frozen=True)
@@ -72,13 +97,20 @@ class Rod:
         return rod.series(self.q, self.r, self.force, self.moment, self.section, self.load, SERIES_ORDER)
 
     @functools.cached_property
-    def long(self) -> Array:
+    def long(self) -> NDArray[np.bool_]:
         """Whether an element is longer, in any of the shapes, than a power series spans, (n,)."""
-        none = np.zeros_like(self.force)
-        growing = rod.wave_numbers(self.force, none, self.section.stiffness) / SPAN
-        waving = rod.wave_numbers(none, self.moment, self.section.stiffness) / WAVES
-        most = np.maximum(growing, waving).reshape(-1, len(self.mesh)).max(axis=0)
-        return np.asarray(np.maximum(most[1:], most[:-1]) * np.diff(self.mesh) > 1.0)
+        waving = rod.wave_numbers(np.zeros_like(self.force), self.moment, self.section.stiffness)
+        return np.asarray(np.maximum(self._decay_lengths / SPAN, self._along(waving) / WAVES) > 1.0)
+
+    @functools.cached_property
+    def _decay_lengths(self) -> Array:
+        """Of a tension, the most in any of the shapes, in each element (n,)."""
+        return self._along(rod.wave_numbers(self.force, np.zeros_like(self.force), self.section.stiffness))
+
+    def _along(self, rates: Array) -> Array:
+        """Return the most that ``rates`` (..., n + 1) at the nodes come to in each element (n,)."""
+        most = rates.reshape(-1, len(self.mesh)).max(axis=0)
+        return np.asarray(np.maximum(most[1:], most[:-1]) * np.diff(self.mesh))
 
     def _long_elements(self, series: rod.Series) -> LongElements:
         """Return the elements that are :attr:`long`."""
@@ -116,27 +148,50 @@ class Rod:
         strain = omega - self.section.rest_curvature
         return Samples(r, q, force, rotations.rotate(q, strain * self.section.stiffness), omega)
 
-    def defects(self, series: rod.Series | None = None) -> tuple[Array, Array, Array]:
-        """Return how much the exact solutions through neighbouring nodes disagree at the middle of each element.
+    def defects(self, series: rod.Series | None = None) -> Defects:
+        """Return by how much each element misses the rod's equations, and how far its samples are from them.
 
-        This is the local truncation error of the collocation step, as states: quaternion (..., n, 4), moment in the
-            world frame (..., n, 3) and position (..., n, 3), right minus left.
+        The local truncation error of the collocation is by how much the node at an element's end misses the exact
+        solution through the one before. Where a tension makes that grow faster than the collocation does, it is by how
+        much the exact solutions through both nodes disagree in the middle, half of it at either end.
         """
         series = self.series() if series is None else series
-        half = 0.5 * np.diff(self.mesh)
-        step = np.broadcast_to(half, (*self.q.shape[:-2], len(half)))
-
-        def sides(coefficients: Array) -> tuple[Array, Array]:
-            return rod.evaluate(coefficients[..., :-1, :], step), rod.evaluate(coefficients[..., 1:, :], -step)
-
-        (q0, q1), (r0, r1), (m0, m1) = sides(series.q), sides(series.r), sides(series.moment)
-        dq, dm, dr = q1 - q0, rotations.rotate(q1, m1) - rotations.rotate(q0, m0), r1 - r0
+        steps = np.diff(self.mesh)
+        dq, dm, dr = self._misses(series, steps)
+        half = np.broadcast_to(0.5 * steps, (*self.q.shape[:-2], len(steps)))
+        (q0, q1), (r0, r1), (m0, m1) = (
+            (rod.evaluate(of[..., :-1, :], half), rod.evaluate(of[..., 1:, :], -half))
+            for of in (series.q, series.r, series.moment)
+        )
+        turning, apart = 2.0 * np.linalg.norm(q1 - q0, axis=-1), np.linalg.norm(r1 - r0, axis=-1)
+        stiff = self._decay_lengths > FOLLOWED
+        if np.any(stiff):
+            jump = rotations.rotate(q1, m1) - rotations.rotate(q0, m0)
+            for missed, there in ((dq, q1 - q0), (dm, jump), (dr, r1 - r0)):
+                missed[..., stiff, :] = there[..., stiff, :]
         if np.any(self.long):
-            dq[..., self.long, :], dr[..., self.long, :] = self._long_elements(series).defects()
-            middle = self.force[..., 1:, :] + half[:, None] * self.load
+            long = self.long
+            dq[..., long, :], dr[..., long, :] = self._long_elements(series).defects()
+            middle = self.force[..., 1:, :] + 0.5 * steps[:, None] * self.load
             moments = np.diff(self.moment, axis=-2) + rotations.cross(np.diff(self.r, axis=-2), middle)
-            dm[..., self.long, :] = moments[..., self.long, :]
-        return dq, dm, dr
+            dm[..., long, :] = moments[..., long, :]
+            turning[..., long] = 2.0 * np.linalg.norm(dq[..., long, :], axis=-1)
+            apart[..., long] = np.linalg.norm(dr[..., long, :], axis=-1)
+        return Defects(dq, dm, dr, turning, apart, np.where(stiff | self.long, 0.5, 1.0))
+
+    def _misses(self, series: rod.Series, steps: Array) -> tuple[Array, Array, Array]:
+        """Return by how much nodes miss the exact solutions through those before; these go there by a few series."""
+        step = np.broadcast_to(steps / STRETCHES, (*self.q.shape[:-2], len(steps)))
+        states = [of[..., :-1, :] for of in (series.q, series.r, series.moment)]
+        force = self.force[..., :-1, :]
+        for k in range(STRETCHES):
+            q, r, moment = (rod.evaluate(of, step) for of in states)
+            q = rotations.normalise(q)
+            force, moment = force - step[..., None] * self.load, rotations.rotate(q, moment)
+            if k + 1 < STRETCHES:
+                on = rod.series(q, r, force, moment, self.section, self.load, SERIES_ORDER)
+                states = [on.q, on.r, on.moment]
+        return self.q[..., 1:, :] - q, self.moment[..., 1:, :] - moment, self.r[..., 1:, :] - r
 
     def energy(self) -> Array:
         """Return elastic energy less the work of the distributed load from the start's level, (...), in B/L."""

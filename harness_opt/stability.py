@@ -22,21 +22,19 @@ converges with the sixth power of the element.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from . import rod as rod_module
-from . import rotations
 from .boundary import Kind
-from .quadrature import gauss
+from .element_pattern import DEGREE
+from .lowest_eigenvalue import Pencil
 from .rotations import Array
+from .second_variation import SecondVariation, second_variation
 from .shape import Rod
 
-DEGREE = 3  # of the polynomials of phi on an element
-POINTS = 5  # Gauss points an element: exact for the products of polynomials, and for omega to high order
 # A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
@@ -46,7 +44,7 @@ MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
 ENOUGH = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
 TURNING = 0.5  # rad an element then
 MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
-ROUNDING = 1e-9  # relative asymmetry of an operator that is symmetric
+LARGE = 250  # rows, from which on sparse matrices are used: eighty times as fast at 2,300 of them
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
@@ -66,74 +64,6 @@ class Stability:
     def stable(self) -> Array:
         """Whether no direction is unstable, (...)."""
         return self.index == 0
-
-
-@functools.lru_cache(maxsize=64)
-def _shape_functions() -> tuple[Array, Array]:
-    """Return values and slopes (POINTS, DEGREE + 1) of the Lagrange polynomials on equispaced element nodes."""
-    nodes = np.linspace(0.0, 1.0, DEGREE + 1)
-    coefficients = np.linalg.inv(np.vander(nodes, increasing=True))
-    powers = np.vander(gauss(POINTS).nodes, DEGREE + 1, increasing=True)
-    slopes = np.zeros_like(powers)
-    slopes[:, 1:] = powers[:, :-1] * np.arange(1, DEGREE + 1)
-    return powers @ coefficients, slopes @ coefficients
-
-
-def _assemble(rod: Rod, mesh: Array) -> tuple[Array, Array, Array]:
-    """Return Q (..., D, D), the position constraint (..., 3, D) and the mass matrix (D, D), D = 3 (3 n + 1).
-
-    phi is on the elements of ``mesh`` (n + 1,).
-    """
-    tableau = gauss(POINTS)
-    steps = np.diff(mesh)
-    count = len(steps)
-    s = (mesh[:-1, None] + steps[:, None] * tableau.nodes).ravel()
-    samples = rod.sample(s)
-    lead = samples.q.shape[:-2]
-    split = (*lead, count, POINTS, 3)
-    inverse = rotations.conjugate(samples.q)
-    omega = samples.omega.reshape(split)
-    moment = rotations.rotate(inverse, samples.moment).reshape(split)
-    force = rotations.rotate(inverse, samples.force).reshape(split)
-    frame = rotations.matrix(samples.q).reshape(*split, 3)
-    stiffness = np.diag(rod.section.stiffness)
-    w, m = rotations.cross_matrix(omega), rotations.cross_matrix(moment)
-    # M . (e x phi) = phi . (M x e); F . (phi x (phi x d3)) = (F . phi)(phi . d3) - (F . d3)(phi . phi)
-    d3 = np.array([0.0, 0.0, 1.0])
-    geometric = force[..., 2, None, None] * np.eye(3) - 0.5 * (
-        force[..., :, None] * d3 + d3[:, None] * force[..., None, :]
-    )
-    rate = np.swapaxes(w, -1, -2) @ stiffness + 0.5 * m  # phi^T (.) phi'
-    plain = np.swapaxes(w, -1, -2) @ stiffness @ w + 0.5 * (m @ w + np.swapaxes(m @ w, -1, -2)) + geometric
-    value, slope = _shape_functions()
-    rigid = np.einsum("e,g,ga,gb,ij->eaibj", 1.0 / steps, tableau.weights, slope, slope, stiffness)
-    coupling = _integrated(rate, value, slope)
-    blocks = rigid + coupling + np.einsum("...eaibj->...ebjai", coupling)
-    blocks = blocks + steps[:, None, None, None, None] * _integrated(plain, value, value)
-    lever = frame @ -rotations.cross_matrix(d3)  # R (phi x d3) = -R [d3] phi
-    ends = np.einsum("e,ga,...egci->...ecai", steps, tableau.weights[:, None] * value, lever)
-    masses = np.einsum("e,g,ga,gb,ij->eaibj", steps, tableau.weights, value, value, np.eye(3))
-    size, local = 3 * (DEGREE * count + 1), 3 * (DEGREE + 1)
-    matrix, constraint, mass = np.zeros((*lead, size, size)), np.zeros((*lead, 3, size)), np.zeros((size, size))
-    for e in range(count):
-        span = slice(3 * DEGREE * e, 3 * DEGREE * e + local)
-        matrix[..., span, span] += blocks[..., e, :, :, :, :].reshape(*lead, local, local)
-        constraint[..., span] += ends[..., e, :, :, :].reshape(*lead, 3, local)
-        mass[span, span] += masses[e].reshape(local, local)
-    return matrix, constraint, mass
-
-
-def _integrated(field: Array, left: Array, right: Array) -> Array:
-    """Return int left_a field_ij right_b over each element of unit length, (..., e, a, i, b, j).
-
-    Args:
-        field: (..., e, POINTS, 3, 3).
-        left, right: functions at the points, (POINTS, DEGREE + 1).
-    """
-    products = (gauss(POINTS).weights[:, None, None] * left[:, :, None] * right[:, None, :]).reshape(POINTS, -1)
-    lead = field.shape[:-3]
-    summed = np.swapaxes(field.reshape(*lead, POINTS, 9), -1, -2) @ products
-    return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
 
 
 def _resolving(rod: Rod) -> Array:
@@ -173,51 +103,62 @@ def _parts(rod: Rod, mesh: Array) -> Iterator[Rod]:
         yield Rod(rod.section, rod.load, rod.mesh, *some)
 
 
-def _allowed(rod: Rod, mesh: Array, kind: Kind) -> tuple[Array, Array, Array, Array]:
-    """Return what :func:`_assemble` does without the fields that the clamps forbid, and the load scale (...)."""
-    matrix, constraint, mass = _assemble(rod, mesh)
-    size = mass.shape[0]
-    for node, held, sign in ((0, kind.start_orientation, 0.5), (-1, kind.end_orientation, -0.5)):
-        if not held:
-            span = slice(0, 3) if node == 0 else slice(size - 3, size)
-            moment = rotations.rotate(rotations.conjugate(rod.q[..., node, :]), rod.moment[..., node, :])
-            matrix[..., span, span] += sign * rotations.cross_matrix(moment)
-    kept = slice(3 if kind.start_orientation else 0, size - (3 if kind.end_orientation else 0))
-    scale = 1.0 + np.max(np.linalg.norm(rod.force, axis=-1), axis=-1)
-    return matrix[..., kept, kept], constraint[..., kept], mass[kept, kept], scale
+def _scale(rod: Rod) -> Array:
+    """Return the size of the loads (...), to which eigenvalues are compared."""
+    return np.asarray(1.0 + np.max(np.linalg.norm(rod.force, axis=-1), axis=-1))
 
 
-def _reduced(rod: Rod, mesh: Array, kind: Kind) -> tuple[Array, Array, Array]:
-    """Return Q's matrix on fields orthonormal in the mass, the basis of these fields, and the load scale.
+def _reduced(variation: SecondVariation) -> tuple[Array, Array]:
+    """Return Q's matrix on fields orthonormal in the mass, and the basis of these fields.
 
     Fields that would move the end are given an eigenvalue far above all others rather than being left out: how many
     there are depends on the shape (two for a straight one, three for all others).
     """
-    matrix, constraint, mass, scale = _allowed(rod, mesh, kind)
+    matrix, moves, mass = variation.dense()
     # with phi = L^-T u, mass = L L^T, the eigenvalues against the mass are ordinary ones
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
-    if kind.start_position and kind.end_position:
-        moving = constraint @ whiten.T
+    if variation.closed:
+        moving = moves @ whiten.T
         projector = np.linalg.pinv(moving, rcond=RANK) @ moving
         still = np.eye(matrix.shape[-1]) - projector
         far = 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
         matrix = still @ matrix @ still + far * projector
-    return matrix, whiten.T, scale
+    return matrix, whiten.T
 
 
 def stability(rod: Rod, kind: Kind) -> Stability:
     """Return the stability of ``rod`` between ends of ``kind``."""
     margins, indices, mesh = [], [], _resolving(rod)
     for part in _parts(rod, mesh):
-        matrix, _, scale = _reduced(part, mesh, kind)
-        symmetric = _conservative(matrix)
-        values = np.linalg.eigvalsh(matrix) if symmetric else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
-        margins.append(np.asarray(values[..., 0], dtype=float))
-        indices.append(np.sum(values < -NEUTRAL * scale[..., None], axis=-1))
+        variation, scale = second_variation(part, mesh, kind), _scale(part)
+        if variation.size > LARGE and variation.conservative:
+            margin, index = _of_large(variation, scale)
+        else:
+            matrix = _reduced(variation)[0]
+            values = (
+                np.linalg.eigvalsh(matrix)
+                if variation.conservative
+                else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
+            )
+            margin = np.asarray(values[..., 0], dtype=float)
+            index = np.sum(values < -NEUTRAL * scale[..., None], axis=-1)
+        margins.append(margin)
+        indices.append(index)
     if rod.q.ndim == 2:
         return Stability(margins[0], indices[0])
     return Stability(np.concatenate(margins), np.concatenate(indices))
+
+
+def _of_large(variation: SecondVariation, scale: Array) -> tuple[Array, Array]:
+    """Return the margins and indices (...) of one or many large shapes."""
+    units = NEUTRAL * scale
+    if not scale.ndim:
+        pencil = Pencil(variation)
+        return np.asarray(pencil.lowest(float(units))[0]), np.asarray(pencil.below(-float(units)))
+    pencils = [Pencil(variation[k]) for k in range(len(scale))]
+    margins = [pencil.lowest(unit)[0] for pencil, unit in zip(pencils, units, strict=True)]
+    return np.array(margins), np.array([pencil.below(-unit) for pencil, unit in zip(pencils, units, strict=True)])
 
 
 def surely_stable(rod: Rod, kind: Kind) -> bool:
@@ -232,21 +173,19 @@ def surely_stable(rod: Rod, kind: Kind) -> bool:
 
 
 def _surely_stable(rod: Rod, mesh: Array, kind: Kind) -> bool:
-    matrix, constraint, mass, scale = _allowed(rod, mesh, kind)
-    matrix = 0.5 * (matrix + np.swapaxes(matrix, -1, -2)) + (NEUTRAL * scale)[..., None, None] * mass
-    if kind.start_position and kind.end_position:
-        matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(constraint, -1, -2) @ constraint
+    variation, units = second_variation(rod, mesh, kind).symmetric, NEUTRAL * _scale(rod)
+    if variation.size > LARGE:
+        shapes = [variation] if not units.ndim else [variation[k] for k in range(len(units))]
+        return not any(Pencil(one).below(-unit) for one, unit in zip(shapes, units.ravel(), strict=True))
+    matrix, moves, mass = variation.dense()
+    matrix = matrix + units[..., None, None] * mass
+    if variation.closed:
+        matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(moves, -1, -2) @ moves
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:  # not positive definite
         return False
     return True
-
-
-def _conservative(matrix: Array) -> bool:
-    """Return whether the operators (..., D, D) are symmetric but for rounding."""
-    skew = matrix - np.swapaxes(matrix, -1, -2)
-    return float(np.max(np.abs(skew), initial=0.0)) <= ROUNDING * float(np.max(np.abs(matrix), initial=0.0))
 
 
 def lowest_mode(rod: Rod, kind: Kind) -> Array:
@@ -255,14 +194,19 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     It is in the section frame, and its longest vector has length 1.
     """
     mesh = _resolving(rod)
-    matrix, basis, _ = _reduced(rod, mesh, kind)
-    if _conservative(matrix):
-        vector = np.linalg.eigh(matrix)[1][:, 0]
+    variation = second_variation(rod, mesh, kind)
+    if variation.size > LARGE and variation.conservative:
+        found = Pencil(variation).lowest(NEUTRAL * float(_scale(rod)))[1]
     else:
-        values, vectors = np.linalg.eig(matrix)
-        vector = vectors[:, np.argmin(values.real)].real
+        matrix, basis = _reduced(variation)
+        if variation.conservative:
+            vector = np.linalg.eigh(matrix)[1][:, 0]
+        else:
+            values, vectors = np.linalg.eig(matrix)
+            vector = vectors[:, np.argmin(values.real)].real
+        found = basis @ vector
     field = np.zeros(3 * (DEGREE * (len(mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
-    field[first : first + len(basis)] = basis @ vector
+    field[first : first + len(found)] = found
     at_nodes = np.stack([np.interp(rod.mesh, mesh, one) for one in field.reshape(-1, 3)[::DEGREE].T], axis=1)
     return at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))

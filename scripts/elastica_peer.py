@@ -143,5 +143,5 @@ class Peer:
         return "not at rest in time"
 
     def position(self) -> Array:
-        """Return positions at S, (101, 3)."""
+        """Return positions at S."""
         return CubicSpline(self.nodes, self.rod.position_collection.T)(S)

@@ -116,7 +116,7 @@ class Peer:
         return "ok" if done else "not solved"
 
     def position(self) -> Array:
-        """Return positions at S, (101, 3)."""
+        """Return positions at S."""
         wanted = exudyn.OutputVariableType.Position
         at = np.array([self.system.GetNodeOutput(node, wanted) for node in self.nodes])
         return CubicSpline(np.linspace(0.0, 1.0, len(at)), at)(S)

@@ -115,7 +115,7 @@ class Peer:
         applied[:, :3] -= DAMPING * self.length * self.data.cvel[2:, 3:]
 
     def position(self) -> Array:
-        """Return positions at S, (101, 3)."""
+        """Return positions at S."""
         axis = self.data.xmat[2:].reshape(-1, 3, 3)[:, :, 0]
         r = np.concatenate([self.data.xpos[2:], self.data.xpos[-1:] + self.length * axis[-1:]])
         return CubicSpline(self.joints, r)(S)

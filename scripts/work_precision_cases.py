@@ -20,7 +20,8 @@ from harness_opt import boundary, rotations
 Array = np.ndarray
 REFERENCE = Path(__file__).resolve().parent.parent / "tests" / "reference"
 G = 9.81  # m/s2
-S = np.linspace(0.0, 1.0, 101)  # where shapes are compared
+TABULATED = 10  # places of S from one that the references tabulate to the next
+S = np.linspace(0.0, 1.0, 100 * TABULATED + 1)  # where shapes are compared: between the references' places too
 ALONG_X = tuple(rotations.from_tangent((1, 0, 0)).tolist())
 
 
@@ -33,7 +34,8 @@ class Benchmark:
         cable, start, end, weight: what to solve; ``weight`` is w L^3 / B, along -z.
         easier: what the motion's first frame has in place of ``end`` and ``weight``.
         bow: of the starting curve, (3,); also of the easier case.
-        truth: positions at S (101, 3), or None.
+        truth: positions at S (1001, 3), or None.
+        tabulated: positions at every TABULATED-th place of S that a reference gives, or None.
         turnable: whether the cable may turn freely about its chord, so that shapes are the same up to such a turn.
     """
 
@@ -46,9 +48,10 @@ class Benchmark:
     bow: tuple[float, float, float]
     truth: Array | None
     turnable: bool = False
+    tabulated: Array | None = None
 
     def error(self, position: Array, truth: Array) -> float:
-        """Return the largest distance of two centrelines (101, 3), in lengths of the cable."""
+        """Return the largest distance of two centrelines (N, 3), in lengths of the cable."""
         if self.turnable:
             position, truth = (np.stack([r[:, 0], np.hypot(r[:, 1], r[:, 2])], axis=1) for r in (position, truth))
         return float(np.max(np.linalg.norm(position - truth, axis=1)))
@@ -130,14 +133,15 @@ def _tabulated(name: str, file: str, path: Callable[[ho.End, ho.End], ho.End], b
     """Return the case of a reference file, or one like it under another ``weight``, which no file tabulates."""
     given = json.loads((REFERENCE / "cases.json").read_text(encoding="utf-8"))[file]
     table = np.genfromtxt(REFERENCE / f"{file}.csv", delimiter=",", names=True)
-    truth = np.stack([table[c] for c in "xyz"], axis=1) if weight is None else None
+    tabulated = np.stack([table[c] for c in "xyz"], axis=1) if weight is None else None
     start, end = (
         ho.End(tuple(pose["position"]), tuple(rotations.normalise(pose["quaternion"]).tolist()))
         for pose in (given["start"], given["end"])
     )
     weight = given["weight_per_length"] if weight is None else weight
     easier = (path(start, end), weight if lighter is None else lighter)
-    return Benchmark(name, _cable(given["torsional_stiffness"]), start, end, weight, easier, bow, truth)
+    cable = _cable(given["torsional_stiffness"])
+    return Benchmark(name, cable, start, end, weight, easier, bow, None, tabulated=tabulated)
 
 
 def _spread(start: ho.End, end: ho.End) -> ho.End:

@@ -1,43 +1,33 @@
 """Random stiff and extreme cables: each ends in a certified, stable shape, or in an honest refusal, never in between.
 
-Cases and the check of a shape come from ``scripts/stiff_and_extreme.py``; the check is written from the rod equations
-and sees nothing of the solvers.
+They are those of ``scripts/stiff_and_extreme.py``. The check of a shape, ``scripts/extreme_check.py``, is written from
+the rod equations and sees nothing of the solvers.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scripts_of import script
 
 import harness_opt as ho
 
-SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "stiff_and_extreme.py"
-SPECIFICATION = importlib.util.spec_from_file_location("stiff_and_extreme", SCRIPT)
-extreme = importlib.util.module_from_spec(SPECIFICATION)
-sys.modules["stiff_and_extreme"] = extreme  # dataclasses look their module up
-SPECIFICATION.loader.exec_module(extreme)
+extreme, cases, check = script("stiff_and_extreme"), script("extreme_cases"), script("extreme_check")
 
 COUNT, JOBS = 60, 2  # random cases, processes
 LIMIT = 90.0  # s, of one case; what takes longer is no refusal, but no shape either
 REFUSED = 0.12  # most that may end without a shape
-BASE = extreme.BASE.posed()
+BASE = cases.BASE.posed()
 HONEST = ("stable", "refused", extreme.TIMEOUT)
 
 
 @pytest.fixture(scope="module")
 def rows():
     """How the random cases ended."""
-    sys.path.insert(0, str(SCRIPT.parent))  # the processes find the script by its name
-    try:
-        jobs = [(extreme.numbered_case(extreme.SEED, k), *extreme.METHODS[0]) for k in range(COUNT)]
-        return list(extreme.run(jobs, JOBS, LIMIT, compare=False))
-    finally:
-        sys.path.remove(str(SCRIPT.parent))
+    jobs = [(cases.numbered_case(cases.SEED, k), *extreme.METHODS[0]) for k in range(COUNT)]
+    return list(extreme.run(jobs, JOBS, LIMIT, compare=False))
 
 
 def test_each_is_certified_and_stable_or_refused(rows):
@@ -51,12 +41,12 @@ def test_few_are_refused(rows):
 
 
 def test_a_case_is_the_same_whatever_was_drawn_before():
-    assert extreme.numbered_case(3, 5) == extreme.numbered_case(3, 5) != extreme.numbered_case(3, 6)
+    assert cases.numbered_case(3, 5) == cases.numbered_case(3, 5) != cases.numbered_case(3, 6)
 
 
-@pytest.mark.parametrize("clamps", extreme.CLAMPS)
+@pytest.mark.parametrize("clamps", cases.CLAMPS)
 def test_drawn_cases_are_within_their_ranges(clamps):
-    drawn = [extreme.numbered_case(1, k) for k in range(200)]
+    drawn = [cases.numbered_case(1, k) for k in range(200)]
     for case in drawn:
         assert 1e-3 <= case.kz_kx <= 1e3 and 1 <= case.kx_ky <= 1e3 and 0 <= case.weight <= 1e6
         assert 1e-6 <= case.distance <= 1 - 1e-6 and abs(case.turns) <= 10 and 1e-3 <= case.length <= 1e3
@@ -96,7 +86,7 @@ def ordinary():
 
 
 def test_an_ordinary_shape_passes(ordinary):
-    assert extreme.verify(*BASE, ordinary) == []
+    assert check.verify(*BASE, ordinary) == []
 
 
 @pytest.mark.parametrize(
@@ -110,20 +100,16 @@ def test_an_ordinary_shape_passes(ordinary):
     ],
 )
 def test_a_wrong_quantity_is_noticed(ordinary, name, complaint):
-    found = extreme.verify(*BASE, Bent(ordinary, changed(name, 1e-3)))
+    found = check.verify(*BASE, Bent(ordinary, changed(name, 1e-3)))
     assert any(line.startswith(complaint) for line in found), found
 
 
 def test_a_wrong_end_is_noticed(ordinary):
     cable, start, end, gravity = BASE
     moved = dataclasses.replace(end, position=(*end.position[:2], end.position[2] + 1e-5))
-    assert [
-        line for line in extreme.verify(cable, start, moved, gravity, ordinary) if line.startswith("place of end 1")
-    ]
+    assert [line for line in check.verify(cable, start, moved, gravity, ordinary) if line.startswith("place of end 1")]
     rolled = dataclasses.replace(end, quaternion=start.quaternion)
-    assert [
-        line for line in extreme.verify(cable, start, rolled, gravity, ordinary) if line.startswith("frame of end 1")
-    ]
+    assert [line for line in check.verify(cable, start, rolled, gravity, ordinary) if line.startswith("frame of end 1")]
 
 
 @pytest.mark.parametrize(
@@ -131,5 +117,5 @@ def test_a_wrong_end_is_noticed(ordinary):
     [({"residual": 1e-3}, "residual"), ({"stability_margin": -1.0}, "stable with"), ({"ok": False}, "ok is False")],
 )
 def test_a_wrong_word_is_noticed(ordinary, fields, complaint):
-    found = extreme.verify(*BASE, Bent(ordinary, lambda at: at, **fields))
+    found = check.verify(*BASE, Bent(ordinary, lambda at: at, **fields))
     assert any(line.startswith(complaint) for line in found), found

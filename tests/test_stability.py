@@ -1,4 +1,4 @@
-"""Stability against exact buckling loads, from both sides within 2 %, and the number of unstable directions."""
+"""Stability against exact buckling loads, from both sides within 1 %, and the number of unstable directions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from scipy import optimize, special
 
 import harness_opt as ho
 from harness_opt import rotations
+from harness_opt import stability as stability_module
 from harness_opt.boundary import Kind, case
 from harness_opt.continuation import STAGES, solve_on
 from harness_opt.rod import Section
@@ -23,7 +24,13 @@ PINNED = Kind(True, False, True, False)
 CLAMPED = Kind(True, True, True, True)
 PROP = 4.493409457909064  # tan x = x
 UP = np.array([0.0, 0.0, 1.0])
-BELOW, ABOVE = 0.98, 1.02
+BELOW, ABOVE = 0.99, 1.01
+
+
+@pytest.fixture(autouse=True, params=["dense", "sparse"])
+def matrices(request, monkeypatch):
+    """Every threshold is met by either way to the eigenvalues."""
+    monkeypatch.setattr(stability_module, "LARGE", 10**6 if request.param == "dense" else 0)
 
 
 def straight(
@@ -65,7 +72,7 @@ def test_column(name, stiffness):
 
 @pytest.mark.parametrize("name", ["cantilever", "guided", "propped", "clamped"])
 def test_column_sharply(name):
-    # the elements are of the third degree: the threshold itself is met far better than to 2 %
+    # the elements are of the third degree: the threshold itself is met far better than to 1 %
     kind, critical = COLUMNS[name]
 
     def margin(load: float) -> float:
@@ -133,7 +140,7 @@ def test_twisted_ring(torsion):
         moment = curvature * axis + torsion * twist * rotations.tangent(q)
         force = np.tile(torsion * twist * curvature * axis, (len(s), 1))
         rod = Rod(Section(np.array([1, 1, torsion]), np.zeros(3)), np.zeros(3), MESH, q, r, force, moment)
-        assert max(np.max(np.abs(defect)) for defect in rod.defects()) < 1e-6  # it is an equilibrium
+        assert max(np.max(np.abs(defect)) for defect in rod.defects()[:3]) < 1e-6  # it is an equilibrium
         assert is_stable(rod, CLAMPED) == (factor < 1)
 
 

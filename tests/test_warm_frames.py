@@ -82,9 +82,14 @@ def test_the_factor_of_a_cable_that_may_turn_freely_leaves_the_turn_out():
 
 @pytest.mark.parametrize(
     ("name", "elements"),
-    [("clamped_3d", 6), ("clamped_3d_weight_30", 6), ("clamped_elastica_060", 8), ("twist_rig_080_180deg", 16)],
+    [
+        *[("clamped_3d", n) for n in (3, 6, 8)],
+        *[("clamped_3d_weight_30", n) for n in (3, 4, 6)],
+        *[("clamped_elastica_060", n) for n in (3, 6, 8)],
+        *[("twist_rig_080_180deg", n) for n in (3, 4, 6, 8, 12)],
+    ],
 )
-def test_estimated_errors_are_within_a_factor_of_ten(name, elements):
+def test_estimated_errors_are_neither_too_small_nor_four_times_too_large(name, elements):
     start, end = ends(name)
     bow = (0, 1, 0) if "3d" in name else (0, 0, 1)
     gravity = tuple(DOWN) if CASES[name]["weight_per_length"] else (0, 0, 0)
@@ -94,9 +99,13 @@ def test_estimated_errors_are_within_a_factor_of_ten(name, elements):
     solved = solve_on(posed, mesh, resample(shape.rod, mesh), "gauss-newton")
     fine = np.linspace(0.0, 1.0, 8 * elements + 1)
     reference = solve_on(posed, fine, resample(shape.rod, fine), "gauss-newton")
-    error = np.max(np.linalg.norm(solved.rod.r - reference.rod.r[::8], axis=1))
-    assert error > 1e-12
-    assert 0.1 < error_estimate(solved)[0] / error < 10.0
+    everywhere = np.linspace(0.0, 1.0, 1001)  # between the nodes too
+    found, expected = (one.rod.sample(everywhere).r for one in (solved, reference))
+    if "elastica" in name:  # it may turn freely about its chord, x
+        found, expected = (np.stack([r[:, 0], np.hypot(r[:, 1], r[:, 2])], axis=1) for r in (found, expected))
+    error = np.max(np.linalg.norm(found - expected, axis=1))
+    assert error > 1e-11
+    assert 0.8 < error_estimate(solved)[0] / error < 4.0
 
 
 def test_a_path_may_end_where_it_began():

@@ -23,26 +23,21 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import rod, rotations
 from ..boundary import Boundary
+from ..element_pattern import DEGREE, UNKNOWNS, pattern
 from ..machine_code import Buffered, built, wanted
 from ..quadrature import gauss
 from ..rod import Section
 from ..rotations import Array
 from ..solvers.interface import Expansion
 
-DEGREE = 3  # of the polynomials, and number of Gauss points: order 6, at the least cost for an unknown
 NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0])  # Lobatto's
-UNKNOWNS = 3 * (DEGREE + 1)  # small rotations of an element's nodes
 NEIGHBOURS, WHOLE = 1.0, 2.5  # rad that neighbouring nodes, and those of an element, may be turned to each other
-
-Indices = NDArray[np.integer[Any]]
 
 
 _POLYNOMIALS = np.linalg.inv(np.vander(NODES, increasing=True))  # those that are 1 at one node, by columns
@@ -158,57 +153,6 @@ def _functions(elements: int, exact: bool, machine: bool) -> _Functions:
     )
 
 
-@dataclass(frozen=True)
-class _Pattern:
-    """Where the entries of the elements go in the bordered Hessian [H A^T; A -] (column-major, symmetric).
-
-    Args:
-        nodes: of the elements, (elements, DEGREE + 1).
-        free: whether a node may turn, (nodes,).
-        blocks: which entries of the elements' Hessians are used, (elements, UNKNOWNS, UNKNOWNS).
-        chords: which entries of the chords' derivatives are used, (elements, 3, UNKNOWNS), or None.
-        places: of all these, and of the diagonal, among the nonzeros.
-        sparsity: of the matrix.
-    """
-
-    nodes: Indices
-    free: NDArray[np.bool_]
-    blocks: NDArray[np.bool_]
-    chords: NDArray[np.bool_] | None
-    places: Indices
-    sparsity: ca.Sparsity
-
-
-@functools.lru_cache(maxsize=64)
-def _pattern(elements: int, held_start: bool, held_end: bool, closed: bool) -> _Pattern:
-    count = DEGREE * elements + 1
-    nodes = DEGREE * np.arange(elements)[:, None] + np.arange(DEGREE + 1)
-    free = np.ones(count, dtype=bool)
-    free[0], free[-1] = not held_start, not held_end
-    number = np.full((count, 3), -1)
-    size = 3 * int(free.sum())
-    number[free] = np.arange(size).reshape(-1, 3)
-    unknowns = number[nodes].reshape(elements, UNKNOWNS)
-    row, column = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
-    blocks = (row >= 0) & (column >= 0)
-    rows, columns = [row[blocks]], [column[blocks]]
-    chords = None
-    if closed:
-        across = np.broadcast_to(unknowns[:, None, :], (elements, 3, UNKNOWNS))
-        down = np.broadcast_to(size + np.arange(3)[:, None], across.shape)
-        chords = across >= 0
-        corner = size + np.arange(3)  # a pivot is needed there, if only of zero
-        rows += [down[chords], across[chords], corner]
-        columns += [across[chords], down[chords], corner]
-    rows.append(np.arange(size))
-    columns.append(np.arange(size))
-    order = size + (3 if closed else 0)
-    keys, places = np.unique(np.concatenate(columns) * order + np.concatenate(rows), return_inverse=True)
-    column, row = np.divmod(keys, order)
-    starts = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=order))])
-    return _Pattern(nodes, free, blocks, chords, places, ca.Sparsity(order, order, starts.tolist(), row.tolist()))
-
-
 class Chain:
     """The energy of one cable between two ends as a function of the quaternions of its nodes.
 
@@ -225,7 +169,7 @@ class Chain:
         self.section, self.load, self.boundary, self.mesh = section, load, boundary, mesh
         kind, steps, count = boundary.kind, np.diff(mesh), len(mesh) - 1
         self.closed = kind.start_position and kind.end_position
-        self._pattern = _pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
+        self._pattern = pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
         self._functions = _functions(count, exact, wanted())
         self._rest = section.rest_curvature
         self._parameters = np.concatenate([steps, mesh[:-1], section.stiffness, section.rest_curvature, load])
