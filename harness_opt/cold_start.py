@@ -183,12 +183,15 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
         bow: direction to which that curve is bowed; None takes the load's, then others where that fails.
         solver: name.
     """
-    unstable, tried = None, list[Array]()
+    unstable, tried = None, list[Array | None]()
+
+    def curve(wish: Array | None) -> Array:
+        return _curve(case, _loose(case.boundary), turns, wish)[2]
+
     for wish in _bows(case, bow):
-        curve = _curve(case, _loose(case.boundary), turns, wish)[2]
-        if any(np.allclose(curve, other, rtol=0.0, atol=SAME) for other in tried):
+        if any(np.allclose(curve(wish), curve(other), rtol=0.0, atol=SAME) for other in tried):
             continue
-        tried.append(curve)
+        tried.append(wish)
         found = from_curve(case, turns, wish, solver)
         if found is None:
             continue

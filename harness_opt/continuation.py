@@ -202,7 +202,8 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
         residual[1:4] = before[0] * dm[0]
     if kind.start_position and kind.end_position:
         residual[4 + n * (4 * s + 7) :][:3] = -dr.sum(axis=0)
-    factor = solved.solution.factor or solved.factor  # that of the last iteration is good enough for an estimate
+    # that of the last iteration is good enough, but where a shape may turn freely: off it, that turn looks determined
+    factor = solved.lasting or solved.solution.factor or solved.factor
     x = solved.solution.x
     # where the shape may turn freely, what is left of the equations turns it
     left = solved.bound.residual(x) if factor.benign else np.zeros_like(x)

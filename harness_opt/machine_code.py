@@ -23,7 +23,6 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import platformdirs
 
 from .errors import CompilerError
 from .rotations import Array
@@ -101,6 +100,8 @@ def cache_folder() -> Path:
     Raises:
         CompilerError: it can't be made, or others than this user may write into it.
     """
+    import platformdirs
+
     folder = platformdirs.user_cache_path("harness-opt", appauthor=False) / "machine_code"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)

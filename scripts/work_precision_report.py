@@ -69,25 +69,26 @@ def misjudged(rows: list[Row]) -> tuple[list[Row], list[Row]]:
 def draw(folder: Path, rows: list[Row]) -> None:
     """Draw error against time, a figure for each case; needs matplotlib."""
     try:
+        from matplotlib import colormaps
         from matplotlib.figure import Figure
     except ImportError:
         print("Figures left out: matplotlib is not installed (the extra 'studies').")
         return
+    methods = list(dict.fromkeys(r["method"] for r in rows))
     for case in dict.fromkeys(r["case"] for r in rows if np.isfinite(r["error"])):
-        figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+        figure = Figure(figsize=(9.6, 5.0), layout="constrained")
         axes = figure.subplots()
         mine = [r for r in rows if r["case"] == case and r["error"] > 0]
-        for k, (method, start) in enumerate(
-            dict.fromkeys((r["method"], r["start"].split()[0].strip(",")) for r in mine)
-        ):
+        for method, start in dict.fromkeys((r["method"], r["start"].split()[0].strip(",")) for r in mine):
             kept = sorted(
                 (r["milliseconds"], r["error"]) for r in mine if r["method"] == method and r["start"].startswith(start)
             )
             mark = "o-" if start == "warm" else "s--"
-            axes.loglog(*zip(*kept, strict=True), mark, label=f"{method}, {start}", color=f"C{k % 10}", markersize=4)
+            colour = colormaps["tab20"](methods.index(method) % 20)
+            axes.loglog(*zip(*kept, strict=True), mark, label=f"{method}, {start}", color=colour, markersize=4)
         axes.set_xlabel("processor time a shape / ms (median, one thread)")
         axes.set_ylabel("largest error of the centreline / L")
         axes.set_title(case)
         axes.grid(visible=True, alpha=0.3)
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5))
         figure.savefig(folder / f"{case.replace(' ', '_').replace(',', '')}.png", dpi=130)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import platformdirs
 import pytest
 from flap_file import FLAP, put
 from study_examples import Here
@@ -31,7 +32,7 @@ ROUNDING = 1e-13  # relative: the C library's functions may round another way th
 @pytest.fixture
 def cached(tmp_path, monkeypatch) -> Path:
     """An empty cache folder, and nothing remembered of other tests."""
-    monkeypatch.setattr(machine_code.platformdirs, "user_cache_path", lambda *_, **__: tmp_path / "cache")
+    monkeypatch.setattr(platformdirs, "user_cache_path", lambda *_, **__: tmp_path / "cache")
     machine_code._try_out.cache_clear()
     yield tmp_path / "cache" / "machine_code"
     machine_code._try_out.cache_clear()
@@ -54,7 +55,7 @@ def machine(tmp_path_factory):
     """A cache folder for all tests that compare."""
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(machine_code.platformdirs, "user_cache_path", lambda *_, **__: folder)
+        patch.setattr(platformdirs, "user_cache_path", lambda *_, **__: folder)
         try:
             with ho.compiled():
                 pass
@@ -150,8 +151,8 @@ def test_another_function_of_the_same_name_is_another_file(compiler, cached):
 
 def test_processes_that_compile_at_once_do_not_disturb_each_other(compiler, cached):
     code = (
-        "import casadi as ca; from pathlib import Path; from harness_opt import machine_code;"
-        f"machine_code.platformdirs.user_cache_path = lambda *_, **__: Path({str(cached.parent)!r});"
+        "import casadi as ca, platformdirs; from pathlib import Path; from harness_opt import machine_code;"
+        f"platformdirs.user_cache_path = lambda *_, **__: Path({str(cached.parent)!r});"
         "x = ca.SX.sym('x'); print(float(machine_code.built(ca.Function('shared', [x], [ca.exp(x)]))(1.0)))"
     )
     running = [

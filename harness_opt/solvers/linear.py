@@ -129,10 +129,11 @@ def _equilibrated(matrix: sp.csc_array) -> tuple[sp.csc_array, Array, Array]:
     """Return ``matrix`` with its rows, then its columns, scaled to a largest entry of 1, and the scales."""
     rows = spla.norm(matrix, np.inf, axis=1)
     rows = 1.0 / np.where(rows > 0, rows, 1.0)
-    scaled = sp.diags_array(rows) @ matrix
+    scaled = sp.csc_array((matrix.data * rows[matrix.indices], matrix.indices, matrix.indptr), matrix.shape)
     columns = spla.norm(scaled, np.inf, axis=0)
     columns = 1.0 / np.where(columns > 0, columns, 1.0)
-    return sp.csc_array(scaled @ sp.diags_array(columns)), rows, columns
+    scaled.data *= np.repeat(columns, np.diff(matrix.indptr))
+    return scaled, rows, columns
 
 
 def _scaled_condition(matrix: sp.csc_array) -> float:

@@ -115,7 +115,8 @@ def _element(exact: bool, machine: bool) -> tuple[ca.Function, ca.Function]:
     arguments = [ca.vec(q), h, s, stiffness, rest, force, load]
     functions = (
         ca.Function("energy", arguments, results[:2], {"cse": True}),
-        ca.Function("expansion", arguments, results[1:], {"cse": True}),
+        # a third of the operations are the same ones again, but a tenth where exact: hardly worth the search
+        ca.Function("expansion", arguments, results[1:], {"cse": not exact}),
     )
     return (built(functions[0]), built(functions[1])) if machine else functions
 

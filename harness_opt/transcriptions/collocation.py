@@ -78,9 +78,8 @@ def _element_functions(stages: int, loaded: bool, machine: bool) -> _Element:
     """Return the functions of an element of any mesh, as machine code where ``machine``."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
-    by_unknowns = ca.jacobian(element(z, *parameters), z)
-    # cse: a third of the Jacobian's operations are the same ones again
-    jacobian = ca.Function("jacobian", [z, *parameters], [by_unknowns], {"cse": True})
+    # of an element whose common expressions are taken out already, hardly any are left in the Jacobian
+    jacobian = ca.Function("jacobian", [z, *parameters], [ca.jacobian(element(z, *parameters), z)])
     return _Element(built(element), built(jacobian)) if machine else _Element(element, jacobian)
 
 
