@@ -23,7 +23,7 @@ from .rotations import Array
 from .shape import Defects, Rod
 from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper, valley
 from .solvers.interface import Options, Solution, Solver
-from .solvers.linear import Factor, factorise
+from .solvers.linear import CONDITION_LIMIT, Factor, factorise
 from .transcriptions.collocation import BoundCollocation, collocation, pack, stations
 
 SOLVERS: dict[str, Solver] = {
@@ -57,6 +57,7 @@ SMALLEST_STEP = 2.0**-12  # of a path step
 COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
 WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
+SETTLED, SETTLINGS = 0.3, 12  # part of the residual that a walk along a valley is to leave, and how often
 TURNED = 1e-2  # L a rad: what an error of the frames counts
 CALM = 3  # corrector iterations up to which the next step may double
 
@@ -215,6 +216,23 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum() + apart.max()), turned), local
 
 
+def settled(solved: Solved) -> Solved:
+    """Return a solve walked on along its valley until rounding hides the rest; the same where it has none.
+
+    Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
+    """
+    if solved.factor.condition < CONDITION_LIMIT:
+        return solved
+    problem, best = solved.bound.least_squares(), solved.solution
+    for _ in range(SETTLINGS):
+        walked = valley.solve(problem, best.x, Options(SETTLED * best.residual, 0))
+        if not walked.status.ok:
+            break
+        best = walked
+    found = Solved(solved.case, solved.bound, best)
+    return solved if best is solved.solution or found.turned else found
+
+
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     """Return a mesh of ``elements`` on which the local errors (n,) would be equal (equidistribution).
 
@@ -256,23 +274,24 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
     """Refine the mesh of a solved case until its estimated error is at most ``tolerance`` (in L).
 
     Returns:
-        The last solve, its estimated error, and OK, INACCURATE or the solver's own failure.
+        The best solve, its estimated error, and OK, INACCURATE or the solver's own failure.
     """
     error, local = error_estimate(solved)
-    before = np.inf
+    best, before = (solved, error), np.inf
     while error > tolerance:
         mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before)
         if mesh is None:
-            return solved, error, Status.INACCURATE
+            return *best, Status.INACCURATE
         before = error / tolerance
         x = resample(solved.rod, mesh)
         if not np.all(np.isfinite(x)):
-            return solved, error, Status.INACCURATE
+            return *best, Status.INACCURATE
         again = solve_on(solved.case, mesh, x, solver)
         if not again.ok or again.turned:
-            return solved, error, again.solution.status if not again.ok else Status.WRONG_TURNS
+            return *best, again.solution.status if not again.ok else Status.WRONG_TURNS
         solved = again
         error, local = error_estimate(solved)
+        best = min(best, (solved, error), key=lambda found: found[1])
     return solved, error, Status.OK
 
 

@@ -77,14 +77,16 @@ class MovingCurve:
     def at(self, interval: Indices, at: Array, s: Array) -> Array:
         """Return points (k, 3), m, at motion values ``at`` (k,) within intervals (k,) and arc lengths ``s`` (k,)."""
         share = (at - self.times[interval]) / (self.times[interval + 1] - self.times[interval])
-        weights = np.einsum("kp,kpi->ki", share[:, None] ** np.arange(NODES), self._basis[interval])
-        nodes, j = self._nodes[interval], self.arc(s)
+        powers = np.stack([np.ones_like(share), share, share * share, share**3], axis=-1)
+        weights, j = np.einsum("kp,kpi->ki", powers, self._basis[interval]), self.arc(s)
+        # by one number for frame and station: half the time of two
+        places = self._nodes[interval] * len(self.s) + j[:, None]
 
-        def now(values: Array, station: Indices) -> Array:
-            return np.einsum("ki,kic->kc", weights, values[nodes, station[:, None]])
+        def now(values: Array, after: int) -> Array:
+            return np.einsum("ki,kic->kc", weights, values.reshape(-1, 3).take(places + after, axis=0))
 
         h = self.s[j + 1] - self.s[j]
-        ends = (now(values, station) for values in (self.position, self.tangent) for station in (j, j + 1))
+        ends = (now(values, after) for values in (self.position, self.tangent) for after in (0, 1))
         return hermite(h, (s - self.s[j]) / h, *ends)
 
     def bent(self, interval: int, low: float, high: float) -> Array:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from . import rod as rod_module
-from .continuation import Solved, finer_mesh, resample, solve_on
+from .continuation import Solved, finer_mesh, resample, settled, solve_on
 from .errors import Status
 from .followed_frames import Frames, batch, blocks
 from .following import Follower, Progress
@@ -25,6 +25,7 @@ from .stability import Stability, stability
 
 Rigour = Literal["full", "stable", "look"]
 
+FEW = 20  # frames that are too inaccurate, up to which their valleys are looked for
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
@@ -145,6 +146,12 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
     before = np.inf
     while True:
         errors, local = frames.errors()
+        loose = np.flatnonzero(~(errors <= tolerance))
+        if 0 < len(loose) <= FEW:
+            changed = {k: walked for k in loose.tolist() if (walked := settled(frames[k])) is not frames[k]}
+            if changed:
+                frames = Frames((changed.get(k, frame) for k, frame in enumerate(frames)), frames.most_held)
+                errors, local = frames.errors()
         worst = float(np.max(errors))
         if worst <= tolerance:
             return frames, errors

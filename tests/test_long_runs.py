@@ -75,6 +75,30 @@ def test_frames_that_are_cut_off_can_be_added_again(count):
     assert frames.errors()[0] == pytest.approx(errors, rel=0.05)
 
 
+@pytest.mark.parametrize("rows", [0, 1, 8])
+def test_a_time_limit_that_strikes_on_the_way_to_disk_loses_nothing(monkeypatch, rows):
+    given = sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 40), rigour="look").frames
+    frames, written, write = Frames(most_held=0), [], RowsOnDisk.__setitem__
+
+    def struck(self, number, row):
+        written.append(number)
+        if len(written) == rows + 1:
+            raise KeyboardInterrupt
+        write(self, number, row)
+
+    monkeypatch.setattr(RowsOnDisk, "__setitem__", struck)
+    count = 0
+    with pytest.raises(KeyboardInterrupt):
+        for frame in given:
+            count += 1
+            frames.append(frame)
+    assert len(frames) == count
+    for frame in given[count:]:
+        frames.append(frame)
+    assert frames.stowed > 0
+    assert all(np.array_equal(a.solution.x, b.solution.x) for a, b in zip(frames, given, strict=True))
+
+
 def test_the_file_has_no_name(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
