@@ -36,7 +36,7 @@ def _sideways(gap: Array, t0: Array, t1: Array, wish: Array) -> Array:
     """Return the unit direction across the chord that is nearest to ``wish``, or to the curve's own plane."""
     span = np.linalg.norm(gap)
     axis = gap / span if span > 1e-9 else rotations.normalise(t0)
-    for candidate in (wish, t0 - t1, t0 + t1, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])):
+    for candidate in (wish / max(1.0, float(np.max(np.abs(wish)))), t0 - t1, t0 + t1, *np.eye(3)[[2, 1]]):
         across = candidate - axis * (axis @ candidate)
         if np.linalg.norm(across) > 1e-6 * max(1.0, float(np.linalg.norm(candidate))):
             return rotations.normalise(across)

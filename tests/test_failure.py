@@ -410,3 +410,9 @@ def test_linear_steps_are_those_of_the_pseudoinverse(shape, lost):
     np.testing.assert_allclose(factor.solve(right), expected, atol=1e-8 * np.max(np.abs(expected)))
     np.testing.assert_allclose(factor.solve(right[:, 0]), expected[:, 0], atol=1e-8 * np.max(np.abs(expected)))
     assert factor.singular == (lost > 0 or shape[0] != shape[1])
+
+
+def test_a_weight_beyond_all_numbers_is_refused_without_a_word_from_numpy():
+    heavy = ho.Cable(1.0, 0.01, 1.0, 0.7, 1e200)
+    shape = ho.equilibrium(heavy, START, END, (0, 0, -9.81), throw=False)
+    assert not shape.ok and not shape.stable
