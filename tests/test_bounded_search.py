@@ -99,7 +99,7 @@ def test_a_stop_leaves_the_frames_measured(motion):
 
 
 def test_long_motions_are_gone_through_in_blocks(motion, monkeypatch):
-    monkeypatch.setattr("harness_opt.sweeps.BLOCK", 3)
+    monkeypatch.setattr("harness_opt.followed_frames.MOST_AT_A_TIME", 3)
     again = ho.simulate(motion.problem)
     for name, value in vars(motion.cables["lead"]).items():
         np.testing.assert_allclose(getattr(again.cables["lead"], name), value, rtol=1e-9, atol=1e-12, err_msg=name)
