@@ -47,8 +47,6 @@ RESOLVED = 1e-4  # estimated error, in L, that a mesh is made for where a frame 
 MOST_MESHES = 20  # for one motion
 LATER = 4  # times over further on that a landing is tried where there is none at the place of the loss itself
 
-UNSTABLE = "the shape became unstable and no stable one was found"
-
 Progress = Callable[[str, int, int], None]
 
 
@@ -87,26 +85,12 @@ class Follower:
             guesses: solves of a like motion to start from, one a frame or None.
             check: whether stability is checked, for BATCH frames at a time, and gone back to where it is lost.
         """
-        given: Sequence[Solved | None] = guesses or [None] * len(self.motion)
+        checked, total = 0, len(self.motion)
+        given: Sequence[Solved | None] = guesses or [None] * total
         begin = self._refined(self._start(first, given[0]))
         if begin is None:
             return Status.NO_START, self._failure(0, "no shape joins its two ends there")
         self.frames.append(begin)
-        return self._go_on(given, check, 0)
-
-    def go_back(self, frames: Frames, unstable: int) -> tuple[Status, str]:
-        """Take ``frames``, one of them unstable as a finer mesh shows, and solve those from there on again."""
-        self.frames, self._resolved = frames, len(frames)
-        self._cut(unstable)
-        landed = self._lose(unstable)
-        if landed is None:
-            return Status.STEP_TOO_SMALL, self._failure(unstable, UNSTABLE)
-        self._append(landed)
-        return self._go_on([None] * len(self.motion), True, len(self.frames))
-
-    def _go_on(self, given: Sequence[Solved | None], check: bool, checked: int) -> tuple[Status, str]:
-        """Solve the frames that are left, with ``checked`` known to be stable."""
-        total = len(self.motion)
         while self.frames and self._meshes <= MOST_MESHES:
             lost, why = None, "the shape was lost and no stable one found again"
             while len(self.frames) < total and not (check and len(self.frames) - checked >= BATCH):
@@ -124,7 +108,7 @@ class Follower:
             # a cable that was lost on the way to the last frame leaves none to check
             unstable = self._first_unstable(checked) if check and checked < len(self.frames) else None
             if unstable is not None:
-                lost, why = unstable, UNSTABLE
+                lost, why = unstable, "the shape became unstable and no stable one was found"
                 self._cut(lost)
             if lost is not None:
                 landed = self._lose(lost)

@@ -5,8 +5,7 @@ Each shape starts from the last ones; a cable that loses its shape is let go and
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,11 +21,10 @@ from .results import STATIONS, CableMotion, Followed
 from .rod import Units
 from .rotations import Array
 from .shape import Rod
-from .stability import Stability, stability, surely_stable
+from .stability import Stability, stability
 
 Rigour = Literal["full", "stable", "look"]
 
-RETURNS = 3  # to a frame that turns out to be unstable once the mesh is fine enough
 FEW = 20  # frames that are too inaccurate, up to which their valleys are looked for
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
@@ -107,20 +105,18 @@ def sweep(
     """
     look = rigour == "look"
     follower = Follower(problem, name, motion, solver, elements or 0, progress)
-    status, message = _uninterrupted(name, lambda: follower.run_all(first, guesses, check=not look))
+    try:
+        status, message = follower.run_all(first, guesses, check=not look)
+    except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
+        status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
+    frames = follower.frames
     units = rod_module.scale(follower.run.cable)[1]
-    frames, errors = follower.frames, np.full(len(follower.frames), np.nan)
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
         return Sweep(frames, np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
+    errors = np.full(len(frames), np.nan)
     if not look:
         frames, errors = accurate(frames, tolerance, solver)
-    for _ in range(RETURNS):
-        unstable = None if look or not status.ok else _first_unstable(frames)
-        if unstable is None:
-            break
-        status, message = _uninterrupted(name, functools.partial(follower.go_back, frames, unstable))
-        frames, errors = accurate(follower.frames, tolerance, solver)
     if not look and status.ok and not np.max(errors) <= tolerance:
         worst = int(np.argmax(errors))
         status = Status.INACCURATE
@@ -134,26 +130,6 @@ def sweep(
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
     origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
     return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
-
-
-def _uninterrupted(name: str, solving: Callable[[], tuple[Status, str]]) -> tuple[Status, str]:
-    """Return how ``solving`` ended; where ``progress`` interrupts it, what is solved until there is kept."""
-    try:
-        return solving()
-    except KeyboardInterrupt:
-        return Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
-
-
-def _first_unstable(frames: Sequence[Solved]) -> int | None:
-    """Return the first frame but frame 0 that is unstable on the mesh of all; a coarser one may not have shown it."""
-    kind, done = frames[0].case.boundary.kind, 0
-    for rods in blocks(frames):
-        if not surely_stable(rods, kind):
-            unstable = done + np.flatnonzero(stability(rods, kind).index)
-            if np.any(unstable > 0):
-                return int(unstable[unstable > 0][0])
-        done += len(rods.q)
-    return None
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:
