@@ -7,14 +7,14 @@ cable lands that has lost its shape.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from . import rotations
 from .boundary import Boundary, Case
 from .continuation import STAGES, Solved, solve_on
-from .landing import COILED, QUICK, TWISTED, Resting, sink, softened, solve_resting, stiffen, tighten
+from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, solve_resting, stiffen, tighten
 from .rotations import Array
 from .shape import Rod
 from .stability import lowest_mode, stability, surely_stable
@@ -89,8 +89,8 @@ def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
     return first, None, aside, -aside
 
 
-def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
-    """Find a shape from the starting curve bowed to ``bow``; None where it comes to none.
+def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
+    """Yield shapes from the starting curve bowed to ``bow``, one for each way that leads to one, mostly a single one.
 
     Of a taut cable, three ways are tried: let go as it is, which does where its clamps point along it, or its clamp
     layers are long enough for a curve through the ends; begun slack and soft in torsion, tightened while the turns are
@@ -101,19 +101,22 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
     """
     boundary, kind = case.boundary, case.boundary.kind
     slack = 1.0 - float(np.linalg.norm(boundary.gap))
-    if not (kind.start_position and kind.end_position and slack < EASY):
-        begun, s, q = _curve(case, boundary, turns, bow)
-        resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False)
-        return _solved(begun, None if resting is None else stiffen(begun, resting), solver)
+    taut = kind.start_position and kind.end_position and slack < EASY
     begun, s, q = _curve(case, boundary, turns, bow)
-    if slack <= STRAIGHT:
-        return _straight(begun, s, q, solver)
-    resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=QUICK)
-    found = _solved(begun, None if resting is None else stiffen(begun, resting, QUICK), solver)
-    for coiled in (TWISTED, COILED):
-        if found is None:
-            found = _tightened(case, turns, bow, coiled, solver)
-    return found
+    if taut and slack <= STRAIGHT:
+        yield from _some(_straight(begun, s, q, solver))
+        return
+    work = QUICK if taut else WORK
+    resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=work)
+    yield from _some(_solved(begun, None if resting is None else stiffen(begun, resting, work), solver))
+    if taut:
+        for coiled in (TWISTED, COILED):
+            yield from _some(_tightened(case, turns, bow, coiled, solver))
+
+
+def _some(found: Solved | None) -> Iterator[Solved]:
+    if found is not None:
+        yield found
 
 
 def _loose(boundary: Boundary) -> Boundary:
@@ -192,11 +195,9 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
         if any(np.allclose(curve(wish), curve(other), rtol=0.0, atol=SAME) for other in tried):
             continue
         tried.append(wish)
-        found = from_curve(case, turns, wish, solver)
-        if found is None:
-            continue
-        settled = stabilised(found, solver)
-        if settled is not None:
-            return settled
-        unstable = unstable or found
+        for found in from_curve(case, turns, wish, solver):
+            settled = stabilised(found, solver)
+            if settled is not None:
+                return settled
+            unstable = unstable or found
     return unstable

@@ -65,8 +65,8 @@ def equilibria(
     found: list[Shape] = []
     for twist in twists:
         for bow in _directions(posed.boundary.gap, bows):
-            solved = from_curve(posed, end.turns + twist, bow, solver)
-            settled = None if solved is None else stabilised(solved, solver)
+            starts = from_curve(posed, end.turns + twist, bow, solver)
+            settled = next((one for one in (stabilised(start, solver) for start in starts) if one is not None), None)
             if settled is None:
                 continue
             shape = refined_shape(cable, (start, end), settled, tolerance, solver, stations)

@@ -20,7 +20,7 @@ COUNT, JOBS = 200, 2  # random cases, processes
 LIMIT = 90.0  # s, of one case; what takes longer is no refusal, but no shape either
 REFUSED = 0.1  # most that may end without a shape: two thirds of these have less slack than a hundredth
 BASE = cases.BASE.posed()
-HONEST = ("stable", "refused", extreme.TIMEOUT)
+HONEST = ("stable", "unstable", "refused", extreme.TIMEOUT)  # unstable: an equilibrium, checked, and called so
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def rows():
     return list(extreme.run(jobs, JOBS, LIMIT, compare=False))
 
 
-def test_each_is_certified_and_stable_or_refused(rows):
+def test_each_is_certified_or_refused_and_none_is_called_what_it_is_not(rows):
     assert len({row.case.name for row in rows}) == COUNT
     wrong = [(row.case.name, row.outcome, row.complaints) for row in rows if row.outcome not in HONEST]
     assert wrong == []
