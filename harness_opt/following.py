@@ -34,7 +34,7 @@ from .followed_frames import MOST_HELD, Frames, batch
 from .problem import End, Problem
 from .rotations import Array
 from .shape import Rod
-from .stability import stability, surely_stable
+from .stability import nearly_neutral, stability, surely_stable
 
 SAME_ENERGY = 1e-6  # relative difference below which two shapes of one pose are of one neutral family
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
@@ -176,11 +176,14 @@ class Follower:
     def _first_unstable(self, checked: int) -> int | None:
         """Return the first frame from ``checked`` on, but not frame 0, whose shape is unstable."""
         rods, kind = batch(self.frames[checked:]), self.frames[0].case.boundary.kind
-        if surely_stable(rods, kind):
+        if surely_stable(rods, kind, distinctly=True):
             return None
-        lost = checked + np.flatnonzero(stability(rods, kind).index)
-        lost = lost[lost > max(0, checked - 1)]
-        return int(lost[0]) if len(lost) else None
+        found = stability(rods, kind)
+        doubtful = nearly_neutral(rods, found) | (found.index > 0)
+        return next(
+            (k for k in (checked + np.flatnonzero(doubtful)).tolist() if k and not is_stable(self.frames[k], self.solver)),
+            None,
+        )
 
     def _lose(self, k: int) -> Solved | None:
         """Find where the shape is lost between frames k - 1 and k, let go there, and follow to frame k; None in vain.
@@ -198,7 +201,7 @@ class Follower:
             ):
                 self.snaps.append((k, beyond))
             solved, reached = follow(self._path(landed.case), landed, where, target, self.solver)
-            if reached == target and is_stable(solved):
+            if reached == target and is_stable(solved, self.solver):
                 return solved
             here, at = landed, where
         return None
@@ -210,13 +213,13 @@ class Follower:
             while abs(beyond - at) > EDGE:
                 middle = 0.5 * (at + beyond)
                 solved, reached = follow(self._path(here.case), here, at, middle, self.solver, COARSEST)
-                if reached == middle and is_stable(solved):
+                if reached == middle and is_stable(solved, self.solver):
                     here, at = solved, middle
                 else:
                     beyond = middle
             # those steps may only have been too long: with short ones the shape is lost here, or goes on
             solved, reached = follow(self._path(here.case), here, at, beyond, self.solver)
-            if beyond == target or reached != beyond or not is_stable(solved):
+            if beyond == target or reached != beyond or not is_stable(solved, self.solver):
                 return here, at, beyond
             here, at, beyond = solved, beyond, target
 
@@ -227,7 +230,7 @@ class Follower:
             landed = let_go(self._path(here.case)(where), here.rod, self.solver)
             if landed is not None:
                 landed, _, status = refine(landed, LANDED, self.solver)  # a coarse mesh has shapes that no cable has
-                if status.ok and is_stable(landed):
+                if status.ok and is_stable(landed, self.solver):
                     return landed, where
             if beyond == target:
                 break

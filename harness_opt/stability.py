@@ -161,19 +161,25 @@ def _of_large(variation: SecondVariation, scale: Array) -> tuple[Array, Array]:
     return np.array(margins), np.array([pencil.below(-unit) for pencil, unit in zip(pencils, units, strict=True)])
 
 
-def surely_stable(rod: Rod, kind: Kind) -> bool:
+def nearly_neutral(rod: Rod, found: Stability) -> Array:
+    """Return whether margins are so near zero that errors of the shape may have given them their sign, (...)."""
+    return np.asarray(np.abs(found.margin) < NEUTRAL * _scale(rod))
+
+
+def surely_stable(rod: Rod, kind: Kind, *, distinctly: bool = False) -> bool:
     """Return whether all shapes of ``rod`` are stable; False may also mean that it takes eigenvalues to tell.
 
-    Q plus a stiff spring against moving the end is positive definite only if Q is so on the fields that leave the end
+    ``distinctly`` leaves out those that are :func:`nearly_neutral`. Q plus a stiff spring against moving the end is positive definite only if Q is so on the fields that leave the end
     where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
     symmetric part, and what it says of that is true of the real parts of all eigenvalues.
     """
     mesh = _resolving(rod)
-    return all(_surely_stable(part, mesh, kind) for part in _parts(rod, mesh))
+    allowed = -NEUTRAL if distinctly else NEUTRAL
+    return all(_surely_stable(part, mesh, kind, allowed) for part in _parts(rod, mesh))
 
 
-def _surely_stable(rod: Rod, mesh: Array, kind: Kind) -> bool:
-    variation, units = second_variation(rod, mesh, kind).symmetric, NEUTRAL * _scale(rod)
+def _surely_stable(rod: Rod, mesh: Array, kind: Kind, allowed: float) -> bool:
+    variation, units = second_variation(rod, mesh, kind).symmetric, allowed * _scale(rod)
     if variation.size > LARGE:
         shapes = [variation] if not units.ndim else [variation[k] for k in range(len(units))]
         return not any(Pencil(one).below(-unit) for one, unit in zip(shapes, units.ravel(), strict=True))
