@@ -314,7 +314,7 @@ def _trail(here: Solved, before: Solved | None) -> Trail:
     of the rounding in that direction.
     """
     x, factor = here.solution.x, here.solution.factor
-    if before is None or before.solution.x.shape != x.shape:
+    if before is None or not np.array_equal(before.bound.mesh, here.bound.mesh):
         return Trail((x,))
     trail, regular = here.trail, factor is not None and factor.benign and not factor.singular
     if trail is not None and len(trail.points) > 1 and trail.points[1] is before.solution.x and regular:

@@ -52,7 +52,7 @@ class Factor:
 
     @functools.cached_property
     def condition(self) -> float:
-        """The condition number, with rows and columns scaled where it is large as it stands: only then it takes time."""
+        """The condition number; with rows and columns scaled, which takes time, where it is large as it stands."""
         if self.plain < BENIGN or self.bordered or self.lu is None:
             return self.plain
         return min(self.plain, _scaled_condition(self.jacobian))
