@@ -17,7 +17,7 @@ from .continuation import STAGES, Solved, solve_on
 from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, solve_resting, stiffen, tighten
 from .rotations import Array
 from .shape import Rod
-from .stability import lowest_mode, stability, surely_stable
+from .stability import lowest_mode, stability
 from .starting_curve import starting_curve
 from .transcriptions.collocation import pack, stations
 
@@ -62,8 +62,7 @@ def _descend(case: Case, rod: Rod, field: Array, solver: str, gently: bool) -> S
 
 def is_stable(solved: Solved) -> bool:
     """Return whether a solved shape has no unstable direction."""
-    kind = solved.case.boundary.kind
-    return surely_stable(solved.rod, kind) or bool(stability(solved.rod, kind).stable)
+    return bool(stability(solved.rod, solved.case.boundary.kind).stable)
 
 
 def stabilised(solved: Solved, solver: str) -> Solved | None:

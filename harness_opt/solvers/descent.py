@@ -14,14 +14,12 @@ is a minimum, not a saddle but one that was begun at. Steps go back onto the con
 from __future__ import annotations
 
 import enum
-import functools
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
-from ..machine_code import Buffered
 from .interface import Array, Expansion, Landscape
+from .symmetric import symmetric
 
 FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
@@ -57,40 +55,6 @@ class Descent:
     steps: int
 
 
-class _Linear:
-    """What solves with matrices of one pattern, and counts their negative eigenvalues."""
-
-    def __init__(self, sparsity: ca.Sparsity):
-        self.sparsity, self._inertia = sparsity, ca.Linsol("inertia", "ldl", sparsity)
-        right, entries = ca.MX.sym("right", sparsity.size1()), ca.MX.sym("entries", sparsity.nnz())
-        # x(b, nonzeros of A) with A x = b: factorised anew every time, and faster than by Linsol.solve, whose
-        # arguments cost more than a factorisation
-        self.solve = Buffered(
-            ca.Function("solve", [right, entries], [ca.solve(ca.MX(sparsity, entries), right, "ldl")])
-        )
-
-    def negative(self, entries: Array) -> int:
-        """Return the number of negative eigenvalues."""
-        matrix = ca.DM(self.sparsity, entries.tolist())  # of a list: twice as fast as of an array
-        self._inertia.nfact(matrix)
-        return int(self._inertia.neig(matrix))
-
-
-@dataclass(frozen=True)
-class _Pattern:
-    """A sparsity as a key; casadi keeps one object for all that are equal."""
-
-    sparsity: ca.Sparsity
-
-    def __hash__(self) -> int:
-        return int(ca.SharedObject.__hash__(self.sparsity))
-
-
-@functools.lru_cache(maxsize=32)
-def _linear(pattern: _Pattern) -> _Linear:
-    return _Linear(pattern.sparsity)
-
-
 class _Walker:
     """A descent under way; arguments as :func:`descend`."""
 
@@ -100,13 +64,13 @@ class _Walker:
         self.level: tuple[float, Array] | None = None  # energy at ``q``, and what is missed of the constraints
         self.strains = self.idle = 0
         self.room, self.on = room, min(ON, CLOSE * room)
-        self.linear = _linear(_Pattern(landscape.sparsity))
+        self.linear = symmetric(landscape.sparsity)
         self.here: Expansion | None = None  # about ``q``, where it is known already
         self.dared: float | None = None  # the shift to go back to, where one far smaller is tried
 
     def solve(self, upper: Array, lower: Array) -> tuple[Array, Array]:
-        x = self.linear.solve(np.concatenate([upper, lower]), self.matrix)
-        return x[: len(upper)].copy(), x[len(upper) :].copy()
+        x = self.linear.solve(self.matrix, np.concatenate([upper, lower]))
+        return x[: len(upper)], x[len(upper) :]
 
     def shortened(self, step: Array) -> Array:
         largest = float(np.max(np.abs(step), initial=0.0))
