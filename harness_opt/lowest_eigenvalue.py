@@ -97,9 +97,11 @@ class Pencil:
             projected[k, k] = along[k]
             field -= along @ basis[: k + 1]
             field -= (dual[: k + 1] @ field) @ basis[: k + 1]  # twice: once leaves rounding
+            if k < SURE:
+                continue
             values, vectors = np.linalg.eigh(projected[: k + 1, : k + 1])
             before, value = value, low + 1.0 / float(values[-1])
-            if k >= SURE and abs(value - before) <= SETTLED * (abs(value) + self._unit):
+            if abs(value - before) <= SETTLED * (abs(value) + self._unit):
                 break
         return value, vectors[:, -1] @ basis[: k + 1]
 

@@ -110,7 +110,8 @@ def rotation_minimising(points: Array, tangents: Array, first: Array) -> Array:
     turns = rotations.multiply(_pure(tangents[1:] - left), _pure(v))
     size = np.linalg.norm(turns, axis=1)
     lost = size < LEAST  # points that coincide, or a tangent that turns back
-    turns[lost], size[lost] = rotations.shortest_arc(tangents[:-1][lost], tangents[1:][lost]), 1.0
+    if np.any(lost):
+        turns[lost], size[lost] = rotations.shortest_arc(tangents[:-1][lost], tangents[1:][lost]), 1.0
     turns *= np.where(turns[:, :1] < 0.0, -1.0, 1.0) / size[:, None]  # of both quaternions the one nearer to no turn
     return rotations.multiply(_run(np.concatenate([[rotations.IDENTITY], turns])), np.asarray(first, dtype=float))
 

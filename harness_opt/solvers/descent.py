@@ -25,7 +25,7 @@ FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff med
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
 AT_REST_SHIFT = 3e-7  # a medium that resists less than this, of the multipliers' size, hides no way down
 AT_REST_STEP, NO_GAIN = 1e-2, 1e-10  # rad; of the energy: a last step is shorter, and what it gains less
-LAST_STEP = 1e-3  # rad: of one of Newton's own that is shorter its square is left
+LAST_STEP = 5e-3  # rad: of one of Newton's own that is shorter its square is left
 NEAR_REST = 0.15  # of the longest step: after a good one that is shorter, one without a shift is tried
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
 IDLE = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides the rest
@@ -77,12 +77,12 @@ class _Walker:
         return step if largest <= self.longest else step * (self.longest / largest)
 
     def come_back(self) -> bool:
-        """Bring a first guess onto the constraints, by the shortest way in the metric."""
+        """Bring a first guess near the constraints, by the shortest way in the metric."""
         for _ in range(WAYS_BACK):
             here = self.landscape.expand(self.q, self.multipliers)
             if not np.all(np.isfinite(here.constraint)):
                 return False
-            if np.linalg.norm(here.constraint) <= self.on:
+            if np.linalg.norm(here.constraint) <= self.near(self.longest):
                 self.here = here
                 return True
             self.matrix = here.bordered(1.0, flat=True)
@@ -94,12 +94,16 @@ class _Walker:
             )
         return False
 
+    def near(self, size: float) -> float:
+        """Return how much of the constraints a step of this size (rad) may leave to the next one."""
+        return max(self.on, SQUARE * self.room * size**2)
+
     def corrected(self, q: Array, size: float) -> tuple[Array, float, Array] | None:
         """Return ``q`` brought back onto the constraints by the step's own matrix, its energy and what it still misses.
 
         That is little beside the square of the step's ``size``; None where it gets no nearer.
         """
-        missed, on = np.inf, max(self.on, SQUARE * self.room * size**2)
+        missed, on = np.inf, self.near(size)
         for _ in range(CORRECTIONS):
             energy, constraint = self.landscape.energy(q)
             left = float(np.linalg.norm(constraint))
@@ -138,22 +142,24 @@ class _Walker:
             gain = abs(predicted) / (1.0 + abs(energy))
             slight = self.shift <= AT_REST_SHIFT * (1.0 + float(np.linalg.norm(multipliers)))
             idle = size < AT_REST_STEP and gain < NO_GAIN
+            there = self.landscape.move(self.q, step)
             if (slight and (idle or size < LAST_STEP)) or (idle and self.idle >= IDLE):
-                self.q, self.multipliers = self.landscape.move(self.q, step), multipliers
+                held = self.corrected(there, 0.0)
+                self.q, self.multipliers = there if held is None else held[0], multipliers
                 return Ended.AT_REST
-            trial = self.corrected(self.landscape.move(self.q, step), size)
+            trial = self.corrected(there, size)
             if trial is not None and self.landscape.strained(trial[0]):
                 self.strains += 1
                 if self.strains > STRAINS:
                     return Ended.STRAINED
                 trial = None
             if trial is not None:
-                reached, there, left = trial
+                reached, level, left = trial
                 # the multipliers take what is left of the constraints out of both
-                fall = float((energy - multipliers @ missed) - (there - multipliers @ left))
+                fall = float((energy - multipliers @ missed) - (level - multipliers @ left))
                 rounding = 1e-13 * (1.0 + abs(energy) + float(np.linalg.norm(multipliers)))
                 if fall >= SUFFICIENT * predicted - rounding:
-                    self.q, self.multipliers, self.level = reached, multipliers, (there, left)
+                    self.q, self.multipliers, self.level = reached, multipliers, (level, left)
                     self.idle = self.idle + 1 if idle else 0
                     self._relent(1.0 if abs(fall - predicted) <= rounding else fall / predicted, size)
                     return None
