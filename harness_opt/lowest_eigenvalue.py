@@ -26,6 +26,7 @@ WIDER = 8.0  # factor by which an enclosure is looked for further away
 CLOSE = 0.3  # relative width of the enclosure whose lower end that is
 SETTLED, SURE = 1e-10, 2  # relative change of an eigenvalue that has been found, and steps after which it may be
 ITERATIONS = 60
+NEARER = 1e-4  # part of what counts as zero: Lanczos's method from there tells apart what is far smaller than that
 EXTREME = 1e30  # in what counts as zero: nothing is found out there
 
 
@@ -71,7 +72,11 @@ class Pencil:
     @functools.cached_property
     def index(self) -> int:
         """Number of eigenvalues below zero."""
-        return self.below(-self._unit)
+        return 0 if self._positive else self.below(-self._unit)
+
+    @functools.cached_property
+    def _positive(self) -> bool:
+        return not self.below(-NEARER * self._unit)
 
     def lowest(self) -> tuple[float, Array]:
         """Return the lowest eigenvalue and its field (D,)."""
@@ -107,6 +112,8 @@ class Pencil:
 
     def _bound(self) -> float:
         """Return a number below the lowest eigenvalue, and close to one below zero in its own size."""
+        if self._positive:
+            return -NEARER * self._unit
         if not self.index:
             return -self._unit
         low, high = -WIDER * self._unit, -self._unit

@@ -45,7 +45,7 @@ MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
 ENOUGH = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
 TURNING = 0.5  # rad an element then
 MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
-LARGE = 250  # rows, from which on many shapes too are looked at one by one, with sparse matrices
+LARGE = 100  # rows, from which on many shapes too are looked at one by one, with sparse matrices
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
