@@ -26,12 +26,12 @@ LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
 AT_REST_SHIFT = 3e-7  # a medium that resists less than this, of the multipliers' size, hides no way down
 AT_REST_STEP, NO_GAIN = 1e-2, 1e-10  # rad; of the energy: a last step is shorter, and what it gains less
 LAST_STEP = 5e-3  # rad: of one of Newton's own that is shorter its square is left
-NEAR_REST = 0.15  # of the longest step: after a good one that is shorter, one without a shift is tried
+NEAR_REST = 0.3  # of the longest step: after a good one that is shorter, one without a shift is tried
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
 IDLE = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides the rest
 ON = 1e-6  # constraints are held to this, or to CLOSE of the least room that they leave
 CLOSE = 1e-5
-SQUARE = 1e-2  # of the square of a step (what is left to the next one), up to which they may be missed after it
+SQUARE = 0.1  # of the square of a step (what is left to the next one), up to which they may be missed after it
 CORRECTIONS, WAYS_BACK = 8, 30  # steps back onto the constraints: from a step, from a first guess
 STRAINS = 3  # steps that may be shortened because they would strain the landscape, until it is given back
 
