@@ -45,7 +45,7 @@ MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
 ENOUGH = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
 TURNING = 0.5  # rad an element then
 MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
-LARGE = 100  # rows, from which on many shapes too are looked at one by one, with sparse matrices
+LARGE = 120  # rows, from which on many shapes too are looked at one by one, with sparse matrices
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
@@ -120,11 +120,13 @@ def _reduced(variation: SecondVariation) -> tuple[Array, Array]:
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
     if variation.closed:
-        moving = moves @ whiten.T
-        projector = np.linalg.pinv(moving, rcond=RANK) @ moving
-        still = np.eye(matrix.shape[-1]) - projector
-        far = 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
-        matrix = still @ matrix @ still + far * projector
+        _, sizes, moving = np.linalg.svd(moves @ whiten.T, full_matrices=False)
+        moving *= (sizes > RANK * sizes[..., :1])[..., None]  # orthonormal, but for what is no direction at all
+        turned, far = np.swapaxes(moving, -1, -2), 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
+        across = matrix @ turned
+        both = across @ moving
+        inner = moving @ across + far * np.eye(moving.shape[-2])
+        matrix = matrix - both - np.swapaxes(both, -1, -2) + turned @ inner @ moving
     return matrix, whiten.T
 
 
