@@ -17,7 +17,7 @@ from .continuation import STAGES, Solved, error_estimate, refine, solve_on
 from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, solve_resting, stiffen, tighten
 from .rotations import Array
 from .shape import Rod
-from .stability import doubt, doubtful, lowest_mode, stability, surely_stable
+from .stability import doubtful, lowest_mode, stability
 from .starting_curve import starting_curve
 from .transcriptions.collocation import pack, stations
 
@@ -64,11 +64,8 @@ def _descend(case: Case, rod: Rod, field: Array, solver: str, gently: bool) -> S
 def is_stable(solved: Solved, solver: str) -> bool:
     """Return whether a solved shape has no unstable direction; where it is hard to tell, judged on a finer mesh."""
     kind = solved.case.boundary.kind
-    error = error_estimate(solved)[0]
-    if surely_stable(solved.rod, kind, doubt(error)):
-        return True
     found = stability(solved.rod, kind)
-    if doubtful(solved.rod, found, error):
+    if doubtful(solved.rod, found, error_estimate(solved)[0]):
         found = stability(refine(solved, JUDGED, solver)[0].rod, kind)
     return bool(found.stable)
 

@@ -220,7 +220,7 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     # where the shape may turn freely, what is left of the equations turns it
     left = solved.bound.residual(x) if factor.benign else np.zeros_like(x)
     dx = factor.solve(np.stack([residual, left], axis=1))
-    moved = solved.bound.centreline_rates(x, dx)[1][:: s + 1]
+    moved = solved.bound.node_rates(x, dx)
     # the centreline's own local errors add to those that come from the frames
     moved[1:, :, 0] += np.cumsum(dr, axis=0)
     turned = TURNED * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))

@@ -22,6 +22,7 @@ converges with the sixth power of the element.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -48,7 +49,7 @@ MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
 ENOUGH = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
 TURNING = 0.5  # rad an element then
 MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
-LARGE = 250  # rows, from which on sparse matrices are used: eighty times as fast at 2,300 of them
+LARGE = 120  # rows, from which on many shapes too are looked at one by one, with sparse matrices
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
@@ -123,46 +124,48 @@ def _reduced(variation: SecondVariation) -> tuple[Array, Array]:
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
     if variation.closed:
-        moving = moves @ whiten.T
-        projector = np.linalg.pinv(moving, rcond=RANK) @ moving
-        still = np.eye(matrix.shape[-1]) - projector
-        far = 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
-        matrix = still @ matrix @ still + far * projector
+        _, sizes, moving = np.linalg.svd(moves @ whiten.T, full_matrices=False)
+        moving *= (sizes > RANK * sizes[..., :1])[..., None]  # orthonormal, but for what is no direction at all
+        turned, far = np.swapaxes(moving, -1, -2), 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
+        across = matrix @ turned
+        both = across @ moving
+        inner = moving @ across + far * np.eye(moving.shape[-2])
+        matrix = matrix - both - np.swapaxes(both, -1, -2) + turned @ inner @ moving
     return matrix, whiten.T
 
 
 def stability(rod: Rod, kind: Kind) -> Stability:
-    """Return the stability of ``rod`` between ends of ``kind``."""
-    margins, indices, mesh = [], [], _resolving(rod)
-    for part in _parts(rod, mesh):
-        variation, scale = second_variation(part, mesh, kind), _scale(part)
-        if variation.size > LARGE and variation.conservative:
-            margin, index = _of_large(variation, scale)
-        else:
-            matrix = _reduced(variation)[0]
-            values = (
-                np.linalg.eigvalsh(matrix)
-                if variation.conservative
-                else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
-            )
-            margin = np.asarray(values[..., 0], dtype=float)
-            index = np.sum(values < -NEUTRAL * scale[..., None], axis=-1)
-        margins.append(margin)
-        indices.append(index)
+    """Return the stability of ``rod`` between ends of ``kind``; that of one shape is kept for whoever asks next."""
     if rod.q.ndim == 2:
-        return Stability(margins[0], indices[0])
-    return Stability(np.concatenate(margins), np.concatenate(indices))
+        return _of_one(rod, kind)
+    mesh = _resolving(rod)
+    found = [_judged(part, mesh, kind) for part in _parts(rod, mesh)]
+    return Stability(*(np.concatenate([getattr(one, name) for one in found]) for name in ("margin", "index")))
 
 
-def _of_large(variation: SecondVariation, scale: Array) -> tuple[Array, Array]:
-    """Return the margins and indices (...) of one or many large shapes."""
-    units = NEUTRAL * scale
-    if not scale.ndim:
-        pencil = Pencil(variation)
-        return np.asarray(pencil.lowest(float(units))[0]), np.asarray(pencil.below(-float(units)))
-    pencils = [Pencil(variation[k]) for k in range(len(scale))]
-    margins = [pencil.lowest(unit)[0] for pencil, unit in zip(pencils, units, strict=True)]
-    return np.array(margins), np.array([pencil.below(-unit) for pencil, unit in zip(pencils, units, strict=True)])
+@functools.lru_cache(maxsize=8)
+def _of_one(rod: Rod, kind: Kind) -> Stability:
+    return _judged(rod, _resolving(rod), kind)
+
+
+def _judged(rod: Rod, mesh: Array, kind: Kind) -> Stability:
+    variation, scale = second_variation(rod, mesh, kind), _scale(rod)
+    if variation.conservative and (not scale.ndim or variation.size > LARGE):
+        return _by_counting(variation, NEUTRAL * scale)
+    matrix = _reduced(variation)[0]
+    eigenvalues = np.linalg.eigvalsh if variation.conservative else np.linalg.eigvals
+    values = np.sort(eigenvalues(matrix).real, axis=-1)
+    margin, index = values[..., 0], np.sum(values < -NEUTRAL * scale[..., None], axis=-1)
+    return Stability(np.asarray(margin, dtype=float), np.asarray(index))
+
+
+def _by_counting(variation: SecondVariation, units: Array) -> Stability:
+    """Return the stability of one or many shapes, each by itself; ``units`` (...) is what counts as zero of each."""
+    if not units.ndim:
+        pencil = Pencil(variation, float(units))
+        return Stability(np.asarray(pencil.lowest()[0]), np.asarray(pencil.index))
+    found = [_by_counting(variation[k], units[k]) for k in range(len(units))]
+    return Stability(np.array([one.margin for one in found]), np.array([one.index for one in found]))
 
 
 def doubt(error: Array | float) -> Array:
@@ -200,7 +203,8 @@ def _surely_stable(rod: Rod, mesh: Array, kind: Kind, least: Array) -> bool:
     variation = second_variation(rod, mesh, kind).symmetric
     if variation.size > LARGE:
         shapes = [variation] if not least.ndim else [variation[k] for k in range(len(least))]
-        return not any(Pencil(one).below(value) for one, value in zip(shapes, least.ravel().tolist(), strict=True))
+        values = least.ravel().tolist()
+        return not any(Pencil(one, abs(value)).below(value) for one, value in zip(shapes, values, strict=True))
     matrix, moves, mass = variation.dense()
     matrix = matrix - least[..., None, None] * mass
     if variation.closed:
@@ -219,16 +223,12 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     """
     mesh = _resolving(rod)
     variation = second_variation(rod, mesh, kind)
-    if variation.size > LARGE and variation.conservative:
-        found = Pencil(variation).lowest(NEUTRAL * float(_scale(rod)))[1]
+    if variation.conservative:
+        found = Pencil(variation, NEUTRAL * float(_scale(rod))).lowest()[1]
     else:
         matrix, basis = _reduced(variation)
-        if variation.conservative:
-            vector = np.linalg.eigh(matrix)[1][:, 0]
-        else:
-            values, vectors = np.linalg.eig(matrix)
-            vector = vectors[:, np.argmin(values.real)].real
-        found = basis @ vector
+        values, vectors = np.linalg.eig(matrix)
+        found = basis @ vectors[:, np.argmin(values.real)].real
     field = np.zeros(3 * (DEGREE * (len(mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
     field[first : first + len(found)] = found
