@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +48,7 @@ ELEMENTS = (
     192,
     256,
 )  # meshes on offer; a function is built once for each
+LAST_RESORT = (384, 512)  # elements of the one shape that those do not do for
 RESIDUAL = 1e-11  # of the scaled equations
 PATH_RESIDUAL = 1e-10  # the same on a path: 2e-10 L off a solve to the last digit, over the reference cases' motions
 ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
@@ -277,22 +278,25 @@ def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     return np.interp(np.linspace(0.0, run[-1], elements + 1), run, mesh)
 
 
-def finer_mesh(mesh: Array, local: Array, excess: float, before: float) -> Array | None:
+def finer_mesh(
+    mesh: Array, local: Array, excess: float, before: float, offer: Sequence[int] = ELEMENTS
+) -> Array | None:
     """Return the mesh on offer on which the error would be ``excess`` times smaller, or one of twice the elements.
 
     Args:
         mesh, local: nodes (n + 1,) and local errors (n,).
         excess: error over tolerance.
         before: the same on the mesh before.
+        offer: numbers of elements.
 
     Returns:
         The finest on offer, dealt out anew, where there is no finer one; None where that gains nothing any more.
     """
     n = len(mesh) - 1
-    if n >= ELEMENTS[-1] and not excess < WORTHWHILE * before:
+    if n >= offer[-1] and not excess < WORTHWHILE * before:
         return None
     wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
-    finer = next((m for m in ELEMENTS if m >= wanted and m > n), ELEMENTS[-1])
+    finer = next((m for m in offer if m >= wanted and m > n), offer[-1])
     return refined_mesh(mesh, local, finer)
 
 
@@ -306,7 +310,7 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
     error, local = error_estimate(solved)
     best, before = (solved, error), np.inf
     while error > tolerance:
-        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before)
+        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before, (*ELEMENTS, *LAST_RESORT))
         if mesh is None:
             return *best, Status.INACCURATE
         before = error / tolerance
