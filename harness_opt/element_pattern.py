@@ -16,7 +16,7 @@ UNKNOWNS = 3 * (DEGREE + 1)  # small rotations of an element's nodes
 Indices = NDArray[np.integer[Any]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pattern:
     """Where the entries of the elements go in the bordered matrix [H A^T; A -] (column-major, symmetric).
 
@@ -27,6 +27,7 @@ class Pattern:
         chords: which entries of the chords' derivatives are used, (elements, 3, UNKNOWNS), or None.
         places: of all these, and of the diagonal, among the nonzeros.
         sparsity: of the matrix.
+        inner: of H alone: which of the nonzeros are its, their rows, and where its columns begin among them.
     """
 
     nodes: Indices
@@ -35,6 +36,7 @@ class Pattern:
     chords: NDArray[np.bool_] | None
     places: Indices
     sparsity: ca.Sparsity
+    inner: tuple[Indices, Indices, Indices]
 
 
 @functools.lru_cache(maxsize=64)
@@ -65,4 +67,6 @@ def pattern(elements: int, held_start: bool, held_end: bool, closed: bool) -> Pa
     keys, places = np.unique(np.concatenate(columns) * order + np.concatenate(rows), return_inverse=True)
     column, row = np.divmod(keys, order)
     starts = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=order))])
-    return Pattern(nodes, free, blocks, chords, places, ca.Sparsity(order, order, starts.tolist(), row.tolist()))
+    own = np.flatnonzero((row < size) & (column < size))
+    inner = own, row[own].astype(np.int32), np.searchsorted(column[own], np.arange(size + 1)).astype(np.int32)
+    return Pattern(nodes, free, blocks, chords, places, ca.Sparsity(order, order, starts.tolist(), row.tolist()), inner)

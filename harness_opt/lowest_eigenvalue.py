@@ -5,26 +5,29 @@ On the fields phi that leave the end where it is (C phi = 0), as many eigenvalue
     [Q - t M, C^T; C, -e]
 
 has negative ones, less the rows of C (Sylvester's law of inertia; e is a little compliance of the end, which takes
-directions that no field moves it to). The lowest is enclosed by counts, and found by inverse iteration from the lower
-end. Parlett, "The Symmetric Eigenvalue Problem", sections 3.3 and 4.6.
+directions that no field moves it to). The lowest is bounded from below by counts, and found from there by Lanczos's
+method on the inverse. Parlett, "The Symmetric Eigenvalue Problem", sections 3.3, 13.1 and 15.6.
 """
 
 from __future__ import annotations
 
-import casadi as ca
+import functools
+
 import numpy as np
 import scipy.sparse as sp
 
 from .element_pattern import pattern
 from .rotations import Array
 from .second_variation import SecondVariation
+from .solvers.symmetric import symmetric
 
 COMPLIANCE = 1e-10  # of the end, in that of the stiffest field that moves it
 WIDER = 8.0  # factor by which an enclosure is looked for further away
-CLOSE = 0.3  # relative width of the enclosure that inverse iteration begins from
-SETTLED = 1e-10  # relative change of an eigenvalue that has been found
+CLOSE = 0.3  # relative width of the enclosure whose lower end that is
+SETTLED, SURE = 1e-10, 2  # relative change of an eigenvalue that has been found, and steps after which it may be
 ITERATIONS = 60
-EXTREME = 1e30  # in the unit of the search: nothing is found out there
+NEARER = 1e-4  # part of what counts as zero: Lanczos's method from there tells apart what is far smaller than that
+EXTREME = 1e30  # in what counts as zero: nothing is found out there
 
 
 class Pencil:
@@ -32,9 +35,10 @@ class Pencil:
 
     Args:
         variation: of one shape, symmetric.
+        unit: what counts as zero.
     """
 
-    def __init__(self, variation: SecondVariation):
+    def __init__(self, variation: SecondVariation, unit: float):
         kind, closed = variation.kind, variation.closed
         self._pattern = pattern(len(variation.masses), kind.start_orientation, kind.end_orientation, closed)
         self._border = 3 if closed else 0
@@ -47,17 +51,13 @@ class Pencil:
             corner = np.full(3, -self._compliance(variation))
             self._q = self._summed(stiffness, border, border, corner)
             self._m = self._summed(mass, np.zeros(2 * len(border) + 3))
-        self._linear = ca.Linsol("inertia", "ldl", self._pattern.sparsity)
+        self._linear = symmetric(self._pattern.sparsity)
+        self._unit = unit
 
     def _summed(self, *entries: Array) -> Array:
         """Return the nonzeros of a bordered matrix with these entries and nothing on its diagonal."""
         weights = np.concatenate([*entries, np.zeros(self._size)])
         return np.asarray(np.bincount(self._pattern.places, weights, self._pattern.sparsity.nnz()), dtype=float)
-
-    def _sparse(self, nonzeros: Array) -> sp.csc_array:
-        """Return a matrix without its border."""
-        rows, starts = np.array(self._pattern.sparsity.row()), np.array(self._pattern.sparsity.colind())
-        return sp.csc_array((nonzeros, rows, starts))[: self._size, : self._size]
 
     @staticmethod
     def _compliance(variation: SecondVariation) -> float:
@@ -65,47 +65,61 @@ class Pencil:
         moved = variation.ends**2 / np.maximum(diagonal, np.finfo(float).tiny)[:, None, :]
         return COMPLIANCE * float(np.max(np.sum(moved, axis=(0, 2))))
 
-    def _factorised(self, at: float) -> ca.DM:
-        """Factorise Q - ``at`` M, bordered, and return it."""
-        matrix = ca.DM(self._pattern.sparsity, (self._q - at * self._m).tolist())
-        self._linear.nfact(matrix)
-        return matrix
-
     def below(self, at: float) -> int:
         """Return how many eigenvalues are below ``at``."""
-        return int(self._linear.neig(self._factorised(at))) - self._border
+        return self._linear.negative(self._q - at * self._m) - self._border
 
-    def lowest(self, unit: float) -> tuple[float, Array]:
-        """Return the lowest eigenvalue and its field (D,); one well below ``unit`` counts as zero.
+    @functools.cached_property
+    def index(self) -> int:
+        """Number of eigenvalues below zero."""
+        return 0 if self._positive else self.below(-self._unit)
 
-        Args:
-            unit: where the search begins, above zero.
-        """
-        low, high = self._enclosed(unit)
-        matrix = self._factorised(low)
-        q, m = (
-            ca.DM(self._pattern.sparsity, part.tolist()).sparse()[: self._size, : self._size]
-            for part in (self._q, self._m)
-        )
-        field = np.cos(np.arange(self._size))  # orthogonal to nothing in particular
-        value = high
-        for _ in range(ITERATIONS):
-            right = np.concatenate([m @ field, np.zeros(self._border)])
-            field = np.asarray(self._linear.solve(matrix, ca.DM(right))).ravel()[: self._size]
-            field /= np.sqrt(field @ (m @ field))
-            before, value = value, float(field @ (q @ field))
-            if abs(value - before) <= SETTLED * (abs(value) + unit):
+    @functools.cached_property
+    def _positive(self) -> bool:
+        return not self.below(-NEARER * self._unit)
+
+    def lowest(self) -> tuple[float, Array]:
+        """Return the lowest eigenvalue and its field (D,)."""
+        low = self._bound()
+        matrix, (places, rows, starts) = self._q - low * self._m, self._pattern.inner
+        mass, held = sp.csc_array((self._m[places], rows, starts)), np.zeros(self._border)
+
+        def inverse(right: Array) -> Array:
+            return self._linear.solve(matrix, np.concatenate([right, held]))[: self._size]
+
+        basis, dual = np.empty((2, ITERATIONS, self._size))  # fields orthonormal in the mass, their products with it
+        projected = np.zeros((ITERATIONS, ITERATIONS))
+        field = inverse(mass @ np.cos(np.arange(self._size)))  # of one that is orthogonal to nothing in particular
+        value = np.inf
+        for k in range(ITERATIONS):
+            product = mass @ field
+            size = np.sqrt(field @ product)
+            if k:
+                projected[k, k - 1] = projected[k - 1, k] = size
+            basis[k], dual[k] = field / size, product / size
+            field = inverse(dual[k])
+            along = dual[: k + 1] @ field
+            projected[k, k] = along[k]
+            field -= along @ basis[: k + 1]
+            field -= (dual[: k + 1] @ field) @ basis[: k + 1]  # twice: once leaves rounding
+            if k < SURE:
+                continue
+            values, vectors = np.linalg.eigh(projected[: k + 1, : k + 1])
+            before, value = value, low + 1.0 / float(values[-1])
+            if abs(value - before) <= SETTLED * (abs(value) + self._unit):
                 break
-        return value, field
+        return value, vectors[:, -1] @ basis[: k + 1]
 
-    def _enclosed(self, unit: float) -> tuple[float, float]:
-        """Return two numbers, the lowest eigenvalue between them, close to each other in its own size or ``unit``."""
-        low, high = -unit, unit
-        while self.below(low) and low > -EXTREME * unit:
+    def _bound(self) -> float:
+        """Return a number below the lowest eigenvalue, and close to one below zero in its own size."""
+        if self._positive:
+            return -NEARER * self._unit
+        if not self.index:
+            return -self._unit
+        low, high = -WIDER * self._unit, -self._unit
+        while self.below(low) and low > -EXTREME * self._unit:
             low, high = WIDER * low, low
-        while not self.below(high) and high < EXTREME * unit:
-            low, high = high, WIDER * high
-        while high - low > CLOSE * max(abs(low), abs(high), unit):
+        while high - low > CLOSE * abs(low):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if self.below(middle) else (middle, high)
-        return low, high
+        return low

@@ -126,9 +126,10 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
     from .report import summary, write_results
 
     result, measured, command = found
-    content = summary(result, measured, command=command)
-    if interrupted and not content["frames"]:
-        return content, None  # an earlier result is worth more
+    if interrupted:
+        content = summary(result, measured, command=command)
+        if not content["frames"]:
+            return content, None  # an earlier result is worth more
     if interrupted and _is_whole(folder):
         from .result_folder import ASIDE
 
@@ -136,7 +137,9 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
     try:
         return write_results(result, folder, measured=measured, command=command), folder
     except ProblemError:
-        _show(wanted, content, None, voice)  # what was found is not lost with the disk
+        _show(
+            wanted, summary(result, measured, command=command), None, voice
+        )  # what was found is not lost with the disk
         raise
 
 

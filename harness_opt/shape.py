@@ -67,7 +67,7 @@ class Defects(NamedTuple):
         return Defects(self.dq[k], self.dm[k], self.dr[k], self.turning[k], self.apart[k], self.behind)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rod:
     """One or many solved shapes of one cable on one mesh, dimensionless; leading axes (...) count the shapes.
 

@@ -22,10 +22,12 @@ converges with the sixth power of the element.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import rod as rod_module
 from .boundary import Kind
@@ -38,13 +40,16 @@ from .shape import Rod
 # A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
+# What margins are off, in the same size, for each unit of the centreline's estimated error in L: up to 9 on the frames
+# of the paper's rig.
+SENSITIVE = 10.0
 RANK = 1e-9  # singular values below this fraction of the largest count as zero
 PHASE = 2.0  # rad, most that a mode is let to vary by over one element
 MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
 ENOUGH = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
 TURNING = 0.5  # rad an element then
 MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
-LARGE = 250  # rows, from which on sparse matrices are used: eighty times as fast at 2,300 of them
+LARGE = 120  # rows, from which on many shapes too are looked at one by one, with sparse matrices
 SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
 
 
@@ -119,66 +124,89 @@ def _reduced(variation: SecondVariation) -> tuple[Array, Array]:
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
     if variation.closed:
-        moving = moves @ whiten.T
-        projector = np.linalg.pinv(moving, rcond=RANK) @ moving
-        still = np.eye(matrix.shape[-1]) - projector
-        far = 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
-        matrix = still @ matrix @ still + far * projector
+        _, sizes, moving = np.linalg.svd(moves @ whiten.T, full_matrices=False)
+        moving *= (sizes > RANK * sizes[..., :1])[..., None]  # orthonormal, but for what is no direction at all
+        turned, far = np.swapaxes(moving, -1, -2), 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
+        across = matrix @ turned
+        both = across @ moving
+        inner = moving @ across + far * np.eye(moving.shape[-2])
+        matrix = matrix - both - np.swapaxes(both, -1, -2) + turned @ inner @ moving
     return matrix, whiten.T
 
 
 def stability(rod: Rod, kind: Kind) -> Stability:
-    """Return the stability of ``rod`` between ends of ``kind``."""
-    margins, indices, mesh = [], [], _resolving(rod)
-    for part in _parts(rod, mesh):
-        variation, scale = second_variation(part, mesh, kind), _scale(part)
-        if variation.size > LARGE and variation.conservative:
-            margin, index = _of_large(variation, scale)
-        else:
-            matrix = _reduced(variation)[0]
-            values = (
-                np.linalg.eigvalsh(matrix)
-                if variation.conservative
-                else np.sort(np.linalg.eigvals(matrix).real, axis=-1)
-            )
-            margin = np.asarray(values[..., 0], dtype=float)
-            index = np.sum(values < -NEUTRAL * scale[..., None], axis=-1)
-        margins.append(margin)
-        indices.append(index)
+    """Return the stability of ``rod`` between ends of ``kind``; that of one shape is kept for whoever asks next."""
     if rod.q.ndim == 2:
-        return Stability(margins[0], indices[0])
-    return Stability(np.concatenate(margins), np.concatenate(indices))
+        return _of_one(rod, kind)
+    mesh = _resolving(rod)
+    found = [_judged(part, mesh, kind) for part in _parts(rod, mesh)]
+    return Stability(*(np.concatenate([getattr(one, name) for one in found]) for name in ("margin", "index")))
 
 
-def _of_large(variation: SecondVariation, scale: Array) -> tuple[Array, Array]:
-    """Return the margins and indices (...) of one or many large shapes."""
-    units = NEUTRAL * scale
-    if not scale.ndim:
-        pencil = Pencil(variation)
-        return np.asarray(pencil.lowest(float(units))[0]), np.asarray(pencil.below(-float(units)))
-    pencils = [Pencil(variation[k]) for k in range(len(scale))]
-    margins = [pencil.lowest(unit)[0] for pencil, unit in zip(pencils, units, strict=True)]
-    return np.array(margins), np.array([pencil.below(-unit) for pencil, unit in zip(pencils, units, strict=True)])
+@functools.lru_cache(maxsize=8)
+def _of_one(rod: Rod, kind: Kind) -> Stability:
+    return _judged(rod, _resolving(rod), kind)
 
 
-def surely_stable(rod: Rod, kind: Kind) -> bool:
+def _judged(rod: Rod, mesh: Array, kind: Kind) -> Stability:
+    variation, scale = second_variation(rod, mesh, kind), _scale(rod)
+    if variation.conservative and (not scale.ndim or variation.size > LARGE):
+        return _by_counting(variation, NEUTRAL * scale)
+    matrix = _reduced(variation)[0]
+    eigenvalues = np.linalg.eigvalsh if variation.conservative else np.linalg.eigvals
+    values = np.sort(eigenvalues(matrix).real, axis=-1)
+    margin, index = values[..., 0], np.sum(values < -NEUTRAL * scale[..., None], axis=-1)
+    return Stability(np.asarray(margin, dtype=float), np.asarray(index))
+
+
+def _by_counting(variation: SecondVariation, units: Array) -> Stability:
+    """Return the stability of one or many shapes, each by itself; ``units`` (...) is what counts as zero of each."""
+    if not units.ndim:
+        pencil = Pencil(variation, float(units))
+        return Stability(np.asarray(pencil.lowest()[0]), np.asarray(pencil.index))
+    found = [_by_counting(variation[k], units[k]) for k in range(len(units))]
+    return Stability(np.array([one.margin for one in found]), np.array([one.index for one in found]))
+
+
+def doubt(error: Array | float) -> Array:
+    """Return the margin, in the size of the loads, that a shape with an estimated ``error`` (in L) may be wrong by."""
+    return np.asarray(NEUTRAL + SENSITIVE * np.asarray(error))
+
+
+def doubtful(rod: Rod, found: Stability, error: Array | float) -> NDArray[np.bool_]:
+    """Return whether margins are so near zero that errors (...) of the shapes may have given them their sign, (...)."""
+    return np.asarray(~(np.abs(found.margin) > doubt(error) * _scale(rod)))
+
+
+def surely_stable(rod: Rod, kind: Kind, above: Array | float = -NEUTRAL) -> bool:
     """Return whether all shapes of ``rod`` are stable; False may also mean that it takes eigenvalues to tell.
 
     Q plus a stiff spring against moving the end is positive definite only if Q is so on the fields that leave the end
     where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
     symmetric part, and what it says of that is true of the real parts of all eigenvalues.
+
+    Args:
+        rod, kind: as above.
+        above: what the margin is to be more than, in the size of the loads, (...).
     """
     mesh = _resolving(rod)
-    return all(_surely_stable(part, mesh, kind) for part in _parts(rod, mesh))
+    least, first = np.broadcast_to(above, rod.q.shape[:-2]) * _scale(rod), 0
+    for part in _parts(rod, mesh):
+        count = len(part.q)
+        if not _surely_stable(part, mesh, kind, least if rod.q.ndim == 2 else least[first : first + count]):
+            return False
+        first += count
+    return True
 
 
-def _surely_stable(rod: Rod, mesh: Array, kind: Kind) -> bool:
-    variation, units = second_variation(rod, mesh, kind).symmetric, NEUTRAL * _scale(rod)
+def _surely_stable(rod: Rod, mesh: Array, kind: Kind, least: Array) -> bool:
+    variation = second_variation(rod, mesh, kind).symmetric
     if variation.size > LARGE:
-        shapes = [variation] if not units.ndim else [variation[k] for k in range(len(units))]
-        return not any(Pencil(one).below(-unit) for one, unit in zip(shapes, units.ravel(), strict=True))
+        shapes = [variation] if not least.ndim else [variation[k] for k in range(len(least))]
+        values = least.ravel().tolist()
+        return not any(Pencil(one, abs(value)).below(value) for one, value in zip(shapes, values, strict=True))
     matrix, moves, mass = variation.dense()
-    matrix = matrix + units[..., None, None] * mass
+    matrix = matrix - least[..., None, None] * mass
     if variation.closed:
         matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(moves, -1, -2) @ moves
     try:
@@ -195,16 +223,12 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     """
     mesh = _resolving(rod)
     variation = second_variation(rod, mesh, kind)
-    if variation.size > LARGE and variation.conservative:
-        found = Pencil(variation).lowest(NEUTRAL * float(_scale(rod)))[1]
+    if variation.conservative:
+        found = Pencil(variation, NEUTRAL * float(_scale(rod))).lowest()[1]
     else:
         matrix, basis = _reduced(variation)
-        if variation.conservative:
-            vector = np.linalg.eigh(matrix)[1][:, 0]
-        else:
-            values, vectors = np.linalg.eig(matrix)
-            vector = vectors[:, np.argmin(values.real)].real
-        found = basis @ vector
+        values, vectors = np.linalg.eig(matrix)
+        found = basis @ vectors[:, np.argmin(values.real)].real
     field = np.zeros(3 * (DEGREE * (len(mesh) - 1) + 1))
     first = 3 if kind.start_orientation else 0
     field[first : first + len(found)] = found

@@ -18,6 +18,7 @@ FINE = 241  # points for measuring the length of the curve
 LEAST = 1e-15  # length below which a vector has no direction
 ROUNDS = 60  # of Newton's method: where slack is lost, each only halves what is left
 LEAST_PULL = 0.1  # end slope of the cubic that still holds the tangents at the ends
+EASED, SLACKER = 0.1, 0.3  # of the length, and of the slack: what a sharp bend is spread over, the lesser
 DIRECT = 0.75  # end distance taken for a cable whose gap is not given, in lengths
 
 
@@ -109,7 +110,8 @@ def rotation_minimising(points: Array, tangents: Array, first: Array) -> Array:
     turns = rotations.multiply(_pure(tangents[1:] - left), _pure(v))
     size = np.linalg.norm(turns, axis=1)
     lost = size < LEAST  # points that coincide, or a tangent that turns back
-    turns[lost], size[lost] = rotations.shortest_arc(tangents[:-1][lost], tangents[1:][lost]), 1.0
+    if np.any(lost):
+        turns[lost], size[lost] = rotations.shortest_arc(tangents[:-1][lost], tangents[1:][lost]), 1.0
     turns *= np.where(turns[:, :1] < 0.0, -1.0, 1.0) / size[:, None]  # of both quaternions the one nearer to no turn
     return rotations.multiply(_run(np.concatenate([[rotations.IDENTITY], turns])), np.asarray(first, dtype=float))
 
@@ -132,6 +134,21 @@ def _run(turns: Array) -> Array:
         turns = np.concatenate([turns[:reach], rotations.multiply(turns[reach:], turns[:-reach])])
         reach *= 2
     return rotations.normalise(turns)
+
+
+def _eased(frames: Array, width: float) -> Array:
+    """Return ``frames`` (m, 4), evenly spaced, with their bends spread over ``width`` of the length, at least.
+
+    A cubic may bend as sharply as it likes, and a cable let go from a kink asks for many small elements. The ends stay:
+    a frame there is the mean of those before it, which are taken as far to one side as those behind are to the other.
+    """
+    reach = round(0.5 * width * (len(frames) - 1))
+    if reach == 0:
+        return frames
+    before = 2.0 * frames[0] - frames[reach:0:-1]
+    behind = 2.0 * frames[-1] - frames[-2 : -reach - 2 : -1]
+    run = np.cumsum(np.concatenate([np.zeros((1, 4)), before, frames, behind]), axis=0)
+    return rotations.normalise(run[2 * reach + 1 :] - run[: -2 * reach - 1])
 
 
 def _chord_and_tangents(boundary: Boundary, wish: Array) -> tuple[Array, Array, Array]:
@@ -178,6 +195,8 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
         tangents = rotations.normalise(np.gradient(points, s, axis=0))
         tangents[0], tangents[-1] = t0, t1
     frames = rotation_minimising(points, tangents, _first_frame(boundary, points, tangents))
+    width = min(EASED, SLACKER * (1.0 - float(np.linalg.norm(points[-1] - points[0]))))
+    frames = _eased(_eased(frames, width), width)
     if not boundary.kind.end_orientation or not boundary.kind.start_orientation:
         return points, frames
     left = rotations.multiply(rotations.conjugate(frames[-1]), boundary.end_quaternion)

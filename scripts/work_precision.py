@@ -9,7 +9,8 @@ those before. ``solve_bvp`` (``bvp_peer.py``) goes the same way from the same fi
 Exudyn, PyElastica and MuJoCo's cable, whichever are installed (the extra ``peers``; ``*_peer.py`` say how they are set
 up). The error is the largest distance of the centreline from the exact one, or from a reference that another method
 solved. Times are medians of processor time on one thread: what else the machine does does not count; of those peers
-the wall's time is there too. Rows "compiled" are those of :func:`harness_opt.compiled`. Failures stay as rows.
+the wall's time is there too. Rows "compiled" are those of :func:`harness_opt.compiled`. Failures stay as rows, and so
+does what takes longer than a minute; finer ones of its kind are left out then.
 
 ``rows.csv`` has all of it; a figure a case shows error against time; the tables that end the output are the README's.
 """
@@ -30,6 +31,7 @@ from typing import Any
 import numpy as np
 from bvp_peer import Peer
 from threadpoolctl import threadpool_limits
+from time_limit import OutOfTimeError, time_limit
 from work_precision_cases import TABULATED, Benchmark, G, S, benchmarks
 from work_precision_report import COMPILED, OURS, draw, misjudged, peer_table, table
 
@@ -50,6 +52,7 @@ AGREE = 1e-9  # L, of references and tables
 SHARP = 1e-11  # L: below, references and rounding are what is measured
 RANDOM_CASES, SEED = 200, 20240611
 LONG = 1.0  # s, after which nothing is repeated
+TOO_LONG = 60.0  # s by the wall's clock, after which a row of ours is given up
 LONG_OTHERS = 8.0  # s, after which a peer is given no finer resolution
 OTHERS = ("exudyn_peer", "elastica_peer", "mujoco_peer")  # modules of peers that need the extra
 OTHERS_FRAMES = {"exudyn_peer": FEW}  # that a peer goes through; others, whose frames take seconds, through LAST
@@ -184,6 +187,22 @@ def row(
     }
 
 
+# --- a limit for each row -----------------------------------------------------------------------------
+
+
+def limited(
+    way: Way, method: str, resolution: float, start: str, work: Callable[[list[float]], Outcome]
+) -> tuple[Row, bool]:
+    """Return the row of ``work``, which adds its times to a list, and whether it was given up for taking too long."""
+    seconds: list[float] = []
+    try:
+        with time_limit(TOO_LONG):
+            outcome = work(seconds)
+    except OutOfTimeError:
+        return row(way, method, resolution, start, [], Outcome(None, f"longer than {TOO_LONG:g} s")), True
+    return row(way, method, resolution, start, seconds, outcome), False
+
+
 # --- ours -------------------------------------------------------------------------------------------------
 
 
@@ -191,54 +210,59 @@ def warm_collocation(way: Way, extent: Extent) -> Iterator[Row]:
     """Follow the motion on meshes of so many elements by each solver; time a frame."""
     for solver in extent.solvers:
         for elements in extent.elements:
-            name, fast = f"collocation, {solver}", solver == GAUSS_NEWTON
-            repeats, left = (extent.repeats, extent.frames) if fast else (1, FEW)
-            begin = way.on(elements, None if fast else left)
-            if not begin.ok:
-                yield row(way, name, elements, "warm", [], Outcome(None, "no first shape"))
-                continue
-            seconds: list[float] = []
-            for _ in range(repeats):
-                here, before = begin, None
-                for case in way.cases[-left:]:
-                    clock = time.process_time()
-                    found = step(case, here, before, 1.0, solver)
-                    seconds.append(time.process_time() - clock)
-                    if found is None:
-                        break
-                    here, before = found, here
+
+            def work(seconds: list[float], solver: str = solver, elements: int = elements) -> Outcome:
+                return _followed(way, extent, solver, elements, seconds)
+
+            done, given_up = limited(way, f"collocation, {solver}", elements, "warm", work)
+            yield done
+            if given_up or done["error"] < SHARP:  # finer meshes take longer yet, or show nothing more
+                break
+
+
+def _followed(way: Way, extent: Extent, solver: str, elements: int, seconds: list[float]) -> Outcome:
+    """Follow the motion on a mesh of ``elements``, a few of its frames where the solver is slow."""
+    fast = solver == GAUSS_NEWTON
+    repeats, left = (extent.repeats, extent.frames) if fast else (1, FEW)
+    begin = way.on(elements, None if fast else left)
+    if not begin.ok:
+        return Outcome(None, "no first shape")
+    for _ in range(repeats):
+        here, before = begin, None
+        for case in way.cases[-left:]:
+            clock = time.process_time()
+            found = step(case, here, before, 1.0, solver)
+            seconds.append(time.process_time() - clock)
             if found is None:
-                yield row(way, name, elements, "warm", seconds, Outcome(None, "step too long"))
-            else:
-                outcome = Outcome(here.rod.sample(S).r, estimate=error_estimate(here)[0])
-                done = row(way, name, elements, "warm", seconds, outcome)
-                yield done
-                if done["error"] < SHARP:  # finer meshes show nothing more
-                    break
+                return Outcome(None, "step too long")
+            here, before = found, here
+    return Outcome(here.rod.sample(S).r, estimate=error_estimate(here)[0])
 
 
 def warm_quadrature(way: Way, extent: Extent) -> Iterator[Row]:
     """Solve the last frame by the paper's transcription from the exact shape of the one before."""
     before = way.near(1).rod
     for solver in (*SOLVER_NAMES, "paper"):
-        seconds = 0.0
         for points in extent.points:
-            if seconds > LONG:  # the next one takes longer yet
+
+            def work(seconds: list[float], solver: str = solver, points: int = points) -> Outcome:
+                method = Dqm(way.cases[-1], points, False)
+                at = before.sample(method.rule.nodes)
+                clock = time.process_time()
+                options = Options(iterations=200, stationary=True)
+                solution = SOLVERS[solver](method.least_squares(), method.pack(at.q, at.force), options)
+                seconds.append(time.process_time() - clock)
+                position = method.centreline(solution.x, S) if solution.status.ok else None
+                return Outcome(position, "ok" if solution.status.ok else solution.status.name.lower())
+
+            done, given_up = limited(way, f"dqm, {solver}", points, "warm", work)
+            yield done
+            if given_up or done["milliseconds"] > 1e3 * LONG:  # the next one takes longer yet
                 break
-            method = Dqm(way.cases[-1], points, False)
-            at = before.sample(method.rule.nodes)
-            clock = time.process_time()
-            options = Options(iterations=200, stationary=True)
-            solution = SOLVERS[solver](method.least_squares(), method.pack(at.q, at.force), options)
-            seconds = time.process_time() - clock
-            position = method.centreline(solution.x, S) if solution.status.ok else None
-            status = "ok" if solution.status.ok else solution.status.name.lower()
-            yield row(way, f"dqm, {solver}", points, "warm", [seconds], Outcome(position, status))
 
 
 def cold(way: Way, extent: Extent) -> Iterator[Row]:
     """Find the case's shape from its clamps alone, certified: stable or not is known, its error estimated."""
-    b = way.benchmark
     for transcription in extent.transcriptions:
         for solver in extent.solvers:
             if solver != GAUSS_NEWTON and not extent.slow:
@@ -246,19 +270,27 @@ def cold(way: Way, extent: Extent) -> Iterator[Row]:
             for tolerance in extent.tolerances:
                 if transcription == "dqm" and tolerance < 1e-5:  # more points than it can have
                     continue
-                seconds, options = [], {"transcription": transcription, "solver": solver, "tolerance": tolerance}
-                for _ in range(extent.repeats):
-                    if sum(seconds) > LONG:
-                        break
-                    clock = time.process_time()
-                    shape = ho.equilibrium(
-                        b.heavy(b.weight), b.start, b.end, (0, 0, -G), bow=b.bow, throw=False, **options
-                    )
-                    seconds.append(time.process_time() - clock)
-                position = shape.rod.sample(S).r if shape.ok else None
-                name, status = f"{transcription}, {solver}", "ok" if shape.ok else shape.status.name.lower()
-                outcome = Outcome(position, status, shape.estimated_error)
-                yield row(way, name, tolerance, "cold", seconds, outcome)
+                options = {"transcription": transcription, "solver": solver, "tolerance": tolerance}
+
+                def work(seconds: list[float], options: dict[str, Any] = options) -> Outcome:
+                    return _cold(way, extent.repeats, options, seconds)
+
+                done, given_up = limited(way, f"{transcription}, {solver}", tolerance, "cold", work)
+                yield done
+                if given_up:
+                    break
+
+
+def _cold(way: Way, repeats: int, options: dict[str, Any], seconds: list[float]) -> Outcome:
+    b = way.benchmark
+    for _ in range(repeats):
+        if sum(seconds) > LONG:
+            break
+        clock = time.process_time()
+        shape = ho.equilibrium(b.heavy(b.weight), b.start, b.end, (0, 0, -G), bow=b.bow, throw=False, **options)
+        seconds.append(time.process_time() - clock)
+    position = shape.rod.sample(S).r if shape.ok else None
+    return Outcome(position, "ok" if shape.ok else shape.status.name.lower(), shape.estimated_error)
 
 
 # --- the peer ---------------------------------------------------------------------------------------------

@@ -16,20 +16,22 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
-from ..machine_code import Buffered
-from .interface import Array, Landscape
+from .interface import Array, Expansion, Landscape
+from .symmetric import symmetric
 
 FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
 AT_REST_SHIFT = 3e-7  # a medium that resists less than this, of the multipliers' size, hides no way down
-AT_REST_STEP, AT_REST_ENERGY = 1e-2, 1e-10  # rad; relative: what is left to gain in a last step
+AT_REST_STEP, NO_GAIN = 1e-2, 1e-10  # rad; of the energy: a last step is shorter, and what it gains less
+LAST_STEP = 5e-3  # rad: of one of Newton's own that is shorter its square is left
+NEAR_REST = 0.3  # of the longest step: after a good one that is shorter, one without a shift is tried
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
 IDLE = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides the rest
 ON = 1e-6  # constraints are held to this, or to CLOSE of the least room that they leave
 CLOSE = 1e-5
+SQUARE = 0.1  # of the square of a step (what is left to the next one), up to which they may be missed after it
 CORRECTIONS, WAYS_BACK = 8, 30  # steps back onto the constraints: from a step, from a first guess
 STRAINS = 3  # steps that may be shortened because they would strain the landscape, until it is given back
 
@@ -53,15 +55,6 @@ class Descent:
     steps: int
 
 
-def _solving(sparsity: ca.Sparsity) -> Buffered:
-    """Return x(b, nonzeros of A) with A x = b.
-
-    Factorised anew every time, and faster than by ``Linsol.solve``, whose arguments cost more than a factorisation.
-    """
-    right, entries = ca.MX.sym("right", sparsity.size1()), ca.MX.sym("entries", sparsity.nnz())
-    return Buffered(ca.Function("solve", [right, entries], [ca.solve(ca.MX(sparsity, entries), right, "ldl")]))
-
-
 class _Walker:
     """A descent under way; arguments as :func:`descend`."""
 
@@ -70,31 +63,27 @@ class _Walker:
         self.shift, self.longest = shift, longest
         self.level: tuple[float, Array] | None = None  # energy at ``q``, and what is missed of the constraints
         self.strains = self.idle = 0
-        self.on = min(ON, CLOSE * room)
-        self.linear = ca.Linsol("inertia", "ldl", landscape.sparsity)
-        self.solved = _solving(landscape.sparsity)
+        self.room, self.on = room, min(ON, CLOSE * room)
+        self.linear = symmetric(landscape.sparsity)
+        self.here: Expansion | None = None  # about ``q``, where it is known already
+        self.dared: float | None = None  # the shift to go back to, where one far smaller is tried
 
     def solve(self, upper: Array, lower: Array) -> tuple[Array, Array]:
-        x = self.solved(np.concatenate([upper, lower]), self.matrix)
-        return x[: len(upper)].copy(), x[len(upper) :].copy()
-
-    def negative(self) -> int:
-        """Return the number of negative eigenvalues of the matrix."""
-        matrix = ca.DM(self.landscape.sparsity, self.matrix.tolist())  # of a list: twice as fast as of an array
-        self.linear.nfact(matrix)
-        return int(self.linear.neig(matrix))
+        x = self.linear.solve(self.matrix, np.concatenate([upper, lower]))
+        return x[: len(upper)], x[len(upper) :]
 
     def shortened(self, step: Array) -> Array:
         largest = float(np.max(np.abs(step), initial=0.0))
         return step if largest <= self.longest else step * (self.longest / largest)
 
     def come_back(self) -> bool:
-        """Bring a first guess onto the constraints, by the shortest way in the metric."""
+        """Bring a first guess near the constraints, by the shortest way in the metric."""
         for _ in range(WAYS_BACK):
             here = self.landscape.expand(self.q, self.multipliers)
             if not np.all(np.isfinite(here.constraint)):
                 return False
-            if np.linalg.norm(here.constraint) <= self.on:
+            if np.linalg.norm(here.constraint) <= self.near(self.longest):
+                self.here = here
                 return True
             self.matrix = here.bordered(1.0, flat=True)
             step, _ = self.solve(np.zeros_like(here.gradient), -here.constraint)
@@ -105,20 +94,24 @@ class _Walker:
             )
         return False
 
-    def corrected(self, q: Array) -> tuple[Array, float, Array] | None:
+    def near(self, size: float) -> float:
+        """Return how much of the constraints a step of this size (rad) may leave to the next one."""
+        return max(self.on, SQUARE * self.room * size**2)
+
+    def corrected(self, q: Array, size: float) -> tuple[Array, float, Array] | None:
         """Return ``q`` brought back onto the constraints by the step's own matrix, its energy and what it still misses.
 
-        None where it gets no nearer.
+        That is little beside the square of the step's ``size``; None where it gets no nearer.
         """
-        missed = np.inf
+        missed, on = np.inf, self.near(size)
         for _ in range(CORRECTIONS):
             energy, constraint = self.landscape.energy(q)
-            size = float(np.linalg.norm(constraint))
-            if size <= self.on:
+            left = float(np.linalg.norm(constraint))
+            if left <= on:
                 return q, energy, constraint
-            if not size < 0.7 * missed:
+            if not left < 0.7 * missed:
                 return None
-            missed = size
+            missed = left
             step, _ = self.solve(np.zeros(self.landscape.sparsity.size1() - len(constraint)), -constraint)
             if not np.all(np.isfinite(step)):
                 return None
@@ -127,11 +120,13 @@ class _Walker:
 
     def advance(self) -> Ended | None:
         """Take one step, with as much of a shift as it needs; return how the descent ended, or None to go on."""
-        here = self.landscape.expand(self.q, self.multipliers)
+        here, self.here = self.here or self.landscape.expand(self.q, self.multipliers), None
         energy, missed = self.level or self.landscape.energy(self.q)
+        positive = False  # once it is, a longer shift leaves it so
         while self.shift <= MOST_SHIFT:
             self.matrix = here.bordered(self.shift)
-            if self.negative() != self.landscape.constraints:
+            positive = positive or self.linear.negative(self.matrix) == self.landscape.constraints
+            if not positive:
                 self._stiffen(4.0)
                 continue
             step, change = self.solve(-here.gradient, -here.constraint)
@@ -146,23 +141,25 @@ class _Walker:
             predicted = 0.5 * float(-here.gradient @ step + self.shift * (here.weights @ step**2))
             gain = abs(predicted) / (1.0 + abs(energy))
             slight = self.shift <= AT_REST_SHIFT * (1.0 + float(np.linalg.norm(multipliers)))
-            idle = size < AT_REST_STEP and gain < AT_REST_ENERGY
-            if idle and (slight or self.idle >= IDLE):
-                self.q, self.multipliers = self.landscape.move(self.q, step), multipliers
+            idle = size < AT_REST_STEP and gain < NO_GAIN
+            there = self.landscape.move(self.q, step)
+            if (slight and (idle or size < LAST_STEP)) or (idle and self.idle >= IDLE):
+                held = self.corrected(there, 0.0)
+                self.q, self.multipliers = there if held is None else held[0], multipliers
                 return Ended.AT_REST
-            trial = self.corrected(self.landscape.move(self.q, step))
+            trial = self.corrected(there, size)
             if trial is not None and self.landscape.strained(trial[0]):
                 self.strains += 1
                 if self.strains > STRAINS:
                     return Ended.STRAINED
                 trial = None
             if trial is not None:
-                reached, there, left = trial
+                reached, level, left = trial
                 # the multipliers take what is left of the constraints out of both
-                fall = float((energy - multipliers @ missed) - (there - multipliers @ left))
+                fall = float((energy - multipliers @ missed) - (level - multipliers @ left))
                 rounding = 1e-13 * (1.0 + abs(energy) + float(np.linalg.norm(multipliers)))
                 if fall >= SUFFICIENT * predicted - rounding:
-                    self.q, self.multipliers, self.level = reached, multipliers, (there, left)
+                    self.q, self.multipliers, self.level = reached, multipliers, (level, left)
                     self.idle = self.idle + 1 if idle else 0
                     self._relent(1.0 if abs(fall - predicted) <= rounding else fall / predicted, size)
                     return None
@@ -170,13 +167,17 @@ class _Walker:
         return Ended.STUCK
 
     def _stiffen(self, factor: float) -> None:
-        self.shift = max(factor * self.shift, 1e-8)
+        self.shift = max(factor * self.shift, 1e-8) if self.dared is None else self.dared
+        self.dared = None
 
     def _relent(self, ratio: float, size: float) -> None:
+        self.dared = None
         if ratio < POOR:
             self.shift *= 3.0
         elif ratio > GOOD:
             self.shift *= 0.5 if size > 0.5 * self.longest else 0.15 if size > AT_REST_STEP else 0.02
+            if size < NEAR_REST * self.longest and self.shift > AT_REST_SHIFT:
+                self.dared, self.shift = self.shift, AT_REST_SHIFT
         self.shift = max(self.shift, LEAST_SHIFT)
 
 

@@ -22,6 +22,7 @@ that error, the elements' own are taken.
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass
 
 import casadi as ca
@@ -52,11 +53,11 @@ def _lagrange(at: Array) -> tuple[Array, Array]:
 
 
 @functools.cache
-def _products() -> tuple[Array, Array, Array]:
-    """Return the weighted products at Gauss points that integrals of phi, phi' and both are made of.
+def _products() -> tuple[Array, Array]:
+    """Return the weighted products at Gauss points that integrals of phi and phi' are made of.
 
-    Of a value and a slope, and of two values, (DEGREE, (DEGREE + 1)^2); and the integrals of those of two slopes,
-    (DEGREE + 1, DEGREE + 1).
+    Of a value and a slope, and then of two values, at each, (2 DEGREE, (DEGREE + 1)^2); and the integrals of those of
+    two slopes, (DEGREE + 1, DEGREE + 1).
     """
     tableau = gauss(DEGREE)
     values, slopes = _lagrange(tableau.nodes)
@@ -65,60 +66,105 @@ def _products() -> tuple[Array, Array, Array]:
         return np.asarray(tableau.weights[:, None, None] * left[:, :, None] * right[:, None, :])
 
     mixed, plain = (products(values, right).reshape(DEGREE, -1) for right in (slopes, values))
-    return mixed, plain, products(slopes, slopes).sum(axis=0)
+    return np.stack([mixed, plain], axis=1).reshape(2 * DEGREE, -1), products(slopes, slopes).sum(axis=0)
 
 
 def _product(p: ca.SX, q: ca.SX) -> ca.SX:
     return ca.vertcat(p[0] * q[0] - ca.dot(p[1:], q[1:]), p[0] * q[1:] + q[0] * p[1:] + ca.cross(p[1:], q[1:]))
 
 
+def _local(sigmas: ca.SX, h: ca.SX, strained: ca.SX, forces: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return an element's energy, its chord (3,) by Gauss points (3, DEGREE), and what :func:`_second` makes of each.
+
+    All in the frame of its first node.
+
+    Args:
+        sigmas: of the nodes but the first, (3, DEGREE).
+        h: its length.
+        strained: stiffness and rest curvature, (3, 2).
+        forces: internal forces at the Gauss points, in that frame, (3, DEGREE).
+    """
+    tableau = gauss(DEGREE)
+    values, slopes = _lagrange(tableau.nodes)
+    at, rates = ca.mtimes(sigmas, values[:, 1:].T), ca.mtimes(sigmas, slopes[:, 1:].T) / h
+    energy, pieces, seconds = ca.SX(0), [], []
+    for j in range(DEGREE):
+        sigma, rate, weight = at[:, j], rates[:, j], h * float(tableau.weights[j])
+        square = ca.sumsqr(sigma)
+        scale = 2.0 / (1.0 + square)
+        omega = scale**2 * ((1.0 - square) * rate - 2.0 * ca.cross(sigma, rate) + 2.0 * ca.dot(sigma, rate) * sigma)
+        frame = rod.frame(ca.vertcat(scale - 1.0, scale * sigma))
+        piece, strain = weight * frame[:, 2], omega - strained[:, 1]
+        energy += 0.5 * weight * ca.dot(strained[:, 0] * strain, strain) - ca.dot(forces[:, j], piece)
+        pieces.append(piece)
+        seconds.append(_second(strained[:, 0], omega, strain, h * ca.mtimes(frame.T, forces[:, j]), h))
+    return energy, ca.horzcat(*pieces), ca.vertcat(*seconds)
+
+
+def _second(stiffness: ca.SX, omega: ca.SX, strain: ca.SX, force: ca.SX, h: ca.SX) -> ca.SX:
+    """Return the matrices between phi and phi', and half of that between phi and phi, column by column, (18,).
+
+    The latter, and the ``force`` (3,) in the section frame, are times the element's length ``h``.
+    """
+    spin, moment = ca.skew(omega), ca.skew(stiffness * strain)
+    turned = ca.mtimes(spin.T, ca.diag(stiffness))
+    twice = h * ca.mtimes(moment, spin)
+    loads = force[2] * ca.SX.eye(3)
+    loads[:, 2] -= 0.5 * force
+    loads[2, :] -= 0.5 * force.T
+    plain = h * ca.mtimes(turned, spin) + 0.5 * (twice + twice.T) + loads
+    return ca.vertcat(ca.vec(turned + 0.5 * moment), ca.vec(0.5 * plain))
+
+
 @functools.cache
 def _element(exact: bool, machine: bool) -> tuple[ca.Function, ca.Function]:
     """Return two functions of one element.
 
-    Arguments: nodes' quaternions (4 (DEGREE + 1),), length, start, stiffness, rest curvature, force at the end of the
-    cable, load. Results of the first: energy and chord; of the second: the gradient of the energy by small rotations
-    of the nodes about their own axes, the chord, its derivative by rows, and quaternions and Darboux vectors at the
-    Gauss points; where ``exact``, the Hessian in place of the quaternions. Both are machine code where ``machine``.
+    Arguments: nodes' quaternions (4 (DEGREE + 1),), of length 1, length, start, stiffness, rest curvature, force at the
+    end of the cable, load. Results of the first: energy and chord; of the second: the chord, the gradient of the energy
+    by small rotations of the nodes about their own axes, the chord's derivative by rows, and what :func:`_second`
+    returns at the Gauss points; where ``exact``, the Hessian in its place. Both are machine code where ``machine``.
+
+    A node turned by a small phi_j changes sigma_j by B_j phi_j, and by -B_j^T phi_0 where it is the first that turns,
+
+        B = ((1 - |sigma|^2) I + 2 [sigma] + 2 sigma sigma^T) / 4
+
+    (Schaub and Junkins, section 3.5.3).
     """
-    tableau = gauss(DEGREE)
-    values, slopes = _lagrange(tableau.nodes)
-    q, turn = ca.SX.sym("q", 4, DEGREE + 1), ca.SX.sym("turn", 3, DEGREE + 1)
-    h, s = ca.SX.sym("h"), ca.SX.sym("s")
+    q, h, s = ca.SX.sym("q", 4, DEGREE + 1), ca.SX.sym("h"), ca.SX.sym("s")
     stiffness, rest, force, load = (ca.SX.sym(name, 3) for name in ("stiffness", "rest", "force", "load"))
-    nodes = [_product(q[:, j], ca.vertcat(1.0, 0.5 * turn[:, j])) for j in range(DEGREE + 1)]
-    inverse = ca.vertcat(nodes[0][0], -nodes[0][1:])
-    relative = [_product(inverse, node) for node in nodes[1:]]
-    # turned by first order only: the quaternions are not of length 1 then
-    sigmas = ca.horzcat(ca.SX(3, 1), *(p[1:] / (ca.norm_2(p) + p[0]) for p in relative))
-    energy, chord, frames, omegas = ca.SX(0), ca.SX(3, 1), [], []
+    strained, first = ca.horzcat(stiffness, rest), rod.frame(q[:, 0])
+    inverse = ca.vertcat(q[0, 0], -q[1:, 0])
+    relative = [_product(inverse, q[:, j]) for j in range(1, DEGREE + 1)]
+    forces = ca.horzcat(*(ca.mtimes(first.T, force + load * (1.0 - s - h * float(c))) for c in gauss(DEGREE).nodes))
+    known = ca.horzcat(*(p[1:] / (1.0 + p[0]) for p in relative))
+    sigmas, inner = ca.SX.sym("sigmas", 3, DEGREE), ca.SX.sym("inner", 3, DEGREE)
+    energy, pieces, second = _local(sigmas, h, strained, inner)
+    chord = ca.sum2(pieces)
+    slope, chords = ca.reshape(ca.gradient(energy, ca.vec(sigmas)), 3, DEGREE), ca.jacobian(chord, ca.vec(sigmas))
+    turned = sum((ca.cross(inner[:, j], pieces[:, j]) for j in range(DEGREE)), ca.SX.zeros(3))
+    gradient, moved, back, swept = [], [], turned, -ca.skew(chord)
     for j in range(DEGREE):
-        sigma, rate = ca.mtimes(sigmas, values[j]), ca.mtimes(sigmas, slopes[j]) / h
-        square = ca.sumsqr(sigma)
-        omega = (1.0 - square) * rate - 2.0 * ca.cross(sigma, rate) + 2.0 * ca.dot(sigma, rate) * sigma
-        omega *= 4.0 / (1.0 + square) ** 2
-        here = _product(nodes[0], ca.vertcat(1.0 - square, 2.0 * sigma) / (1.0 + square))
-        piece = h * float(tableau.weights[j]) * rod.frame(here)[:, 2] / ca.sumsqr(nodes[0])
-        inner = force + load * (1.0 - s - h * float(tableau.nodes[j]))
-        strain = omega - rest
-        energy += 0.5 * h * float(tableau.weights[j]) * ca.dot(stiffness * strain, strain) - ca.dot(inner, piece)
-        chord += piece
-        frames.append(here)
-        omegas.append(omega)
-    turns = ca.vec(turn)
-    hessian, gradient = ca.hessian(energy, turns)
-    second = ca.vec(hessian) if exact else ca.vertcat(*frames)
-    results = [
-        ca.densify(ca.substitute(x, turns, ca.DM.zeros(UNKNOWNS)))
-        for x in (energy, chord, gradient, ca.vec(ca.jacobian(chord, turns).T), second, ca.vertcat(*omegas))
-    ]
+        sigma, part = sigmas[:, j], chords[:, 3 * j : 3 * j + 3]
+        rate = 0.25 * ((1.0 - ca.sumsqr(sigma)) * ca.SX.eye(3) + 2.0 * ca.skew(sigma) + 2.0 * ca.mtimes(sigma, sigma.T))
+        gradient.append(ca.mtimes(rate.T, slope[:, j]))
+        moved.append(ca.mtimes(part, rate))
+        back -= ca.mtimes(rate, slope[:, j])
+        swept -= ca.mtimes(part, rate.T)
+    by_turns = ca.mtimes(first, ca.horzcat(swept, *moved))
     arguments = [ca.vec(q), h, s, stiffness, rest, force, load]
-    functions = (
-        ca.Function("energy", arguments, results[:2], {"cse": True}),
-        # a third of the operations are the same ones again, but a tenth where exact: hardly worth the search
-        ca.Function("expansion", arguments, results[1:], {"cse": not exact}),
-    )
-    return (built(functions[0]), built(functions[1])) if machine else functions
+    results = [energy, ca.mtimes(first, chord), ca.vertcat(back, *gradient), ca.vec(by_turns.T), second]
+    results = ca.substitute(results, [ca.vec(sigmas), ca.vec(inner)], [ca.vec(known), ca.vec(forces)])
+    level = ca.Function("energy", arguments, results[:2], {"cse": True})
+    if exact:
+        turns = ca.SX.sym("turns", 3, DEGREE + 1)
+        nodes = [_product(q[:, j], ca.vertcat(1.0, 0.5 * turns[:, j])) for j in range(DEGREE + 1)]
+        there = level(ca.vertcat(*(p / ca.norm_2(p) for p in nodes)), *arguments[1:])[0]
+        hessian = ca.hessian(there, ca.vec(turns))[0]
+        results[4] = ca.substitute(ca.vec(hessian), ca.vec(turns), ca.DM.zeros(UNKNOWNS))
+    # a third of the operations are the same ones again, but a tenth where exact: hardly worth the search
+    expansion = ca.Function("expansion", arguments, [ca.densify(x) for x in results[1:]], {"cse": not exact})
+    return (built(level), built(expansion)) if machine else (level, expansion)
 
 
 @dataclass(frozen=True)
@@ -172,7 +218,6 @@ class Chain:
         self.closed = kind.start_position and kind.end_position
         self._pattern = pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
         self._functions = _functions(count, exact, wanted())
-        self._rest = section.rest_curvature
         self._parameters = np.concatenate([steps, mesh[:-1], section.stiffness, section.rest_curvature, load])
         self.nodes = np.append((mesh[:-1, None] + steps[:, None] * NODES[:-1]).ravel(), 1.0)
         self.points = (mesh[:-1, None] + steps[:, None] * gauss(DEGREE).nodes).ravel()
@@ -182,6 +227,11 @@ class Chain:
         self._loose_force = boundary.end_force if kind.start_position else -boundary.start_force - load
 
     # -- what a descent asks for -------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _rigid(self) -> Array:
+        """What the elements' Hessians have of phi' . K phi', (n, UNKNOWNS, UNKNOWNS)."""
+        return np.asarray(np.kron(_products()[1], np.diag(self.section.stiffness)) / np.diff(self.mesh)[:, None, None])
 
     @property
     def constraints(self) -> int:
@@ -221,14 +271,11 @@ class Chain:
         p, count = self._pattern, len(self.mesh) - 1
         force = self.force(multipliers)
         found = self._functions.expansion(np.concatenate([q.ravel(), force]), self._parameters)
-        chords, gradients, slopes, second, omegas = np.split(found, count * np.cumsum(self._functions.sizes)[:-1])
+        ends = [0, *(count * np.cumsum(self._functions.sizes)).tolist()]
+        chords, gradients, slopes, second = (found[i:j] for i, j in itertools.pairwise(ends))
         gradient = np.zeros((len(q), 3))
         np.add.at(gradient, p.nodes, gradients.reshape(count, DEGREE + 1, 3))
-        shape = (count, DEGREE)
-        if self.exact:
-            blocks = second.reshape(count, UNKNOWNS, UNKNOWNS)
-        else:
-            blocks = self._second(second.reshape(*shape, 4), omegas.reshape(*shape, 3), force)
+        blocks = second.reshape(count, UNKNOWNS, UNKNOWNS) if self.exact else self._blocks(second)
         entries = [blocks[p.blocks]]
         if p.chords is not None:
             border = slopes.reshape(count, 3, UNKNOWNS)[p.chords]
@@ -238,35 +285,14 @@ class Chain:
             len(entries[0]), p.places, p.sparsity, self._weights,
         )  # fmt: skip
 
-    def _second(self, q: Array, omega: Array, force: Array) -> Array:
-        """Return the elements' Hessians (n, UNKNOWNS, UNKNOWNS).
-
-        Args:
-            q, omega: at the Gauss points, (n, DEGREE, 4 or 3).
-            force: at the end of the cable, (3,).
-        """
-        stiffness, (mixed_products, plain_products, rigid) = self.section.stiffness, _products()
-        steps, count = np.diff(self.mesh), len(q)
-        beyond = (1.0 - self.points).reshape(count, DEGREE, 1)
-        inner = rotations.rotate(rotations.conjugate(q), force + beyond * self.load)
-        spin, moment = rotations.cross_matrix(omega), rotations.cross_matrix(stiffness * (omega - self._rest))
-        turned = np.swapaxes(spin, -1, -2) * stiffness  # [omega]^T K
-        d3 = np.array([0.0, 0.0, 1.0])
-        across = inner[..., :, None] * d3
-        loads = inner[..., 2, None, None] * np.eye(3) - 0.5 * (across + np.swapaxes(across, -1, -2))
-        rate = turned + 0.5 * moment  # phi (.) phi'
-        twice = moment @ spin
-        plain = turned @ spin + 0.5 * (twice + np.swapaxes(twice, -1, -2)) + loads  # phi (.) phi
-
-        def integrated(field: Array, products: Array) -> Array:
-            summed = np.swapaxes(field.reshape(count, DEGREE, 9), -1, -2) @ products
-            blocks = summed.reshape(count, 3, 3, DEGREE + 1, DEGREE + 1).transpose(0, 3, 1, 4, 2)
-            return np.asarray(blocks.reshape(count, UNKNOWNS, UNKNOWNS))
-
-        mixed = integrated(rate, mixed_products)
-        hessian = np.kron(rigid, np.diag(stiffness)) / steps[:, None, None] + mixed + np.swapaxes(mixed, -1, -2)
-        hessian += steps[:, None, None] * integrated(plain, plain_products)
-        return np.asarray(hessian)
+    def _blocks(self, second: Array) -> Array:
+        """Return the elements' Hessians (n, UNKNOWNS, UNKNOWNS) from what :func:`_second` returns, for all elements."""
+        count = len(self.mesh) - 1
+        summed = np.swapaxes(second.reshape(count, 2 * DEGREE, 9), -1, -2) @ _products()[0]
+        # of entries (column, row) of a matrix, and of the nodes left and right of it
+        halves = summed.reshape(count, 3, 3, DEGREE + 1, DEGREE + 1).transpose(0, 3, 2, 4, 1)
+        halves = halves.reshape(count, UNKNOWNS, UNKNOWNS)
+        return np.asarray(self._rigid + halves + np.swapaxes(halves, -1, -2))
 
     def move(self, q: Array, step: Array) -> Array:
         """Return ``q`` (m, 4) with its free nodes turned about their own axes by ``step`` (n,), rad."""

@@ -415,6 +415,14 @@ class BoundCollocation:
         blocks = dx[: self._node].reshape(n, -1, k)
         return np.concatenate([blocks[:, 4:NODE], dx[None, self._node + 4 : self._node + NODE]])
 
+    def node_rates(self, x: Array, dx: Array) -> Array:
+        """Return the rates of positions at the nodes, from the start of the cable, (n + 1, 3, k); as below."""
+        n, s, k = self.transcription.elements, self.transcription.stages, dx.shape[1]
+        stage_q, stage_dq = (of[: self._node].reshape(n, NODE + 4 * s, -1)[:, NODE:] for of in (x, dx))
+        rates = _tangent_rates(stage_q.reshape(n, s, 4), stage_dq.reshape(n, s, 4, k))
+        chords = np.diff(self.mesh)[:, None] * (gauss(s).weights @ rates.reshape(n, s, 3 * k))
+        return np.concatenate([np.zeros((1, 3, k)), np.cumsum(chords, axis=0).reshape(n, 3, k)])
+
     def centreline_rates(self, x: Array, dx: Array) -> tuple[Array, Array, Any]:
         """Return (positions (S, 3), their rates (S, 3, k), quaternions' rates (S, 4, k)) at :func:`stations`.
 
@@ -448,14 +456,23 @@ class BoundCollocation:
         )
 
 
+# What each part of a quaternion contributes to the derivatives of d3 by its parts, (4, 12).
+_BY_QUATERNION = 2.0 * np.array(
+    [
+        [[0, 0, 1, 0], [0, -1, 0, 0], [1, 0, 0, 0]],
+        [[0, 0, 0, 1], [-1, 0, 0, 0], [0, -1, 0, 0]],
+        [[1, 0, 0, 0], [0, 0, 0, 1], [0, 0, -1, 0]],
+        [[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    ],
+    dtype=float,
+).reshape(4, 12)
+
+
 def _tangent_rates(q: Array, dq: Array) -> Array:
     """Return d(d3) (..., 3, k) for quaternions (..., 4), normalised, and their rates (..., 4, k)."""
     square = np.sum(q * q, axis=-1)[..., None, None]
-    dq = dq - q[..., None] * np.einsum("...i,...ik->...k", q, dq)[..., None, :] / square
-    a, b, c, d = (q[..., i, None] for i in range(4))
-    da, db, dc, dd = (dq[..., i, :] for i in range(4))
-    rates = [b * dd + d * db + a * dc + c * da, c * dd + d * dc - a * db - b * da, a * da - b * db - c * dc + d * dd]
-    return 2.0 * np.stack(rates, axis=-2) / square
+    across = dq - q[..., None] * (q[..., None, :] @ dq) / square
+    return (q @ _BY_QUATERNION).reshape(*q.shape[:-1], 3, 4) @ across / square
 
 
 def _accumulate(inner: Array) -> Array:
