@@ -49,6 +49,7 @@ ELEMENTS = (
     192,
     256,
 )  # meshes on offer; a function is built once for each
+LAST_RESORT = (384, 512)  # elements of the one shape that those do not do for
 RESIDUAL = 1e-11  # of the scaled equations
 PATH_RESIDUAL = 1e-10  # the same on a path: 2e-10 L off a solve to the last digit, over the reference cases' motions
 ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
@@ -316,7 +317,7 @@ def finer_mesh(mesh: Array, local: Array, excess: float, before: float, most: in
         return None
     most = max(n, most)
     wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
-    finer = next((m for m in ELEMENTS if m >= wanted and m > n), most)
+    finer = next((m for m in (*ELEMENTS, *LAST_RESORT) if most >= m > n and m >= wanted), most)
     return refined_mesh(mesh, local, finer)
 
 
