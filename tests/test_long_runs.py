@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import resource
 
 import numpy as np
@@ -10,7 +11,9 @@ from test_problems import PROBLEMS
 
 import harness_opt as ho
 from harness_opt import followed_frames, following, sweeps
-from harness_opt.followed_frames import LAST, Frames, at_a_time
+from harness_opt.continuation import ELEMENTS
+from harness_opt.followed_frames import LAST, Frames, Stretches, at_a_time, by_mesh
+from harness_opt.mesh_changes import common_mesh, moved_to, on_one_mesh
 from harness_opt.rows_on_disk import RowsOnDisk
 
 
@@ -129,3 +132,39 @@ def test_where_there_is_no_folder_for_it_rows_stay_in_memory(tmp_path, monkeypat
     rows = RowsOnDisk(2)
     rows[0] = np.ones(2)
     assert np.array_equal(rows[0], np.ones(2))
+
+
+def test_frames_on_several_meshes_are_a_sequence_and_come_onto_one():
+    given = list(sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 9), rigour="look").frames)
+    third = np.linspace(0.0, 1.0, 17) ** 1.2
+    mixed = [*given[:3], *(moved_to(frame, third, "gauss-newton") for frame in given[3:6]), *given[6:]]
+    frames = Stretches()
+    for count, frame in enumerate(mixed, 1):
+        frames.append(frame)
+        assert len(frames) == count and frames[-1] is frame
+    assert [len(part) for part in frames.parts] == [len(part) for part in by_mesh(mixed)] == [3, 3, 3]
+    for one, other in zip(frames, mixed, strict=True):
+        assert np.array_equal(one.solution.x, other.solution.x)
+    assert all(frame.solution.factor is None for frame in frames[:6])
+    with pytest.raises(IndexError):
+        frames[9]
+    together = on_one_mesh(frames, "gauss-newton")
+    assert len({frame.bound.mesh.tobytes() for frame in together}) == 1
+    s = np.linspace(0.0, 1.0, 50)
+    for one, other in zip(together, given, strict=True):
+        assert np.max(np.abs(one.rod.sample(s).r - other.rod.sample(s).r)) < 1e-7
+    frames.cut(4)
+    assert [len(part) for part in frames.parts] == [3, 1]
+    frames.append(mixed[4])
+    assert [len(part) for part in frames.parts] == [3, 2]
+    frames.cut(0)
+    assert not len(frames)
+
+
+def test_the_common_mesh_is_as_dense_as_all():
+    left, right = np.linspace(0.0, 1.0, 17) ** 2, 1.0 - np.linspace(1.0, 0.0, 17) ** 2
+    mesh = common_mesh([left, right])
+    assert len(mesh) - 1 in ELEMENTS and mesh[0] == 0.0 and mesh[-1] == 1.0
+    for one in (left, right):
+        touched = [np.diff(one)[(one[1:] > a) & (one[:-1] < b)].max() for a, b in itertools.pairwise(mesh)]
+        assert np.all(np.diff(mesh) <= 1.05 * np.array(touched))

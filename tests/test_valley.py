@@ -44,6 +44,19 @@ def test_a_closed_valley_is_gone_around():
     assert found.x == pytest.approx([np.sqrt(0.75), 0.5], abs=1e-4)
 
 
+@pytest.mark.parametrize("start", [0.0, 0.9, 1.1, 4.5])
+def test_the_walk_goes_down_past_a_nearly_level_place(start):
+    # the floor is nearly level at 1, and lowest at 3
+    def energy(x):
+        return 1e-4 * (x**4 / 4 - 5 * x**3 / 3 + 3.505 * x**2 - 3.03 * x)
+
+    floor = wave(1e-4, lambda x: (x - 3.0) * ((x - 1.0) ** 2 + 0.01), lambda x: 3 * x * x - 10 * x + 7.01)
+    begun = np.array([start, 2.0 * np.sin(start)])
+    found = valley.solve(floor, begun, Options(1e-14), lambda x: energy(x[0]))
+    assert found.status is Status.OK
+    assert found.x[0] == pytest.approx(3.0, abs=1e-9)
+
+
 def test_a_valley_without_a_lowest_place_is_not_solved():
     endless = wave(1e-9, lambda x: 1.0 + x * x, lambda x: 2.0 * x)
     found = valley.solve(endless, np.array([0.5, 1.0]), Options(1e-14))
