@@ -13,11 +13,11 @@ import numpy as np
 
 from . import rotations
 from .boundary import Boundary, Case
-from .continuation import STAGES, Solved, solve_on
+from .continuation import STAGES, Solved, error_estimate, refine, solve_on
 from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, solve_resting, stiffen, tighten
 from .rotations import Array
 from .shape import Rod
-from .stability import lowest_mode, stability
+from .stability import doubtful, lowest_mode, stability
 from .starting_curve import starting_curve
 from .transcriptions.collocation import pack, stations
 
@@ -26,6 +26,7 @@ CURVE = 241  # places at which a starting curve is looked at
 PLACES = 8  # an element, at which a lost shape is looked at
 EASY = 0.1  # slack, in L, with which a taut cable is begun
 SAME = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
+JUDGED = 1e-8  # estimated error, in L, of a shape whose stability is hard to tell
 STRAIGHT = 1e-8  # slack below which a cable is taken for straight
 
 
@@ -45,7 +46,7 @@ def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved 
     for nudge in NUDGES:
         for sign in (1.0, -1.0):
             landed = _descend(case, rod, sign * nudge * direction, solver, gently)
-            if landed is not None and is_stable(landed):
+            if landed is not None and is_stable(landed, solver):
                 return landed
     return None
 
@@ -60,9 +61,13 @@ def _descend(case: Case, rod: Rod, field: Array, solver: str, gently: bool) -> S
     return None if resting is None else solve_resting(case, resting, solver)
 
 
-def is_stable(solved: Solved) -> bool:
-    """Return whether a solved shape has no unstable direction."""
-    return bool(stability(solved.rod, solved.case.boundary.kind).stable)
+def is_stable(solved: Solved, solver: str) -> bool:
+    """Return whether a solved shape has no unstable direction; where it is hard to tell, judged on a finer mesh."""
+    kind = solved.case.boundary.kind
+    found = stability(solved.rod, kind)
+    if doubtful(solved.rod, found, error_estimate(solved)[0]):
+        found = stability(refine(solved, JUDGED, solver)[0].rod, kind)
+    return bool(found.stable)
 
 
 def stabilised(solved: Solved, solver: str) -> Solved | None:
@@ -71,7 +76,7 @@ def stabilised(solved: Solved, solver: str) -> Solved | None:
     None is looked for where a dead moment acts: it has no energy to descend, and often no stable shape at all.
     """
     boundary = solved.case.boundary
-    if is_stable(solved):
+    if is_stable(solved, solver):
         return solved
     if np.any(boundary.start_moment) or np.any(boundary.end_moment):
         return None

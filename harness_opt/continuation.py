@@ -86,8 +86,7 @@ class Solved:
     @functools.cached_property
     def rod(self) -> Rod:
         """The states at the nodes."""
-        states = self.bound.unpack(self.solution.x)
-        return Rod(self.case.section, self.case.load, states.mesh, states.q, states.r, states.force, states.moment)
+        return _rod(self.case, self.bound, self.solution.x)
 
     @functools.cached_property
     def factor(self) -> Factor:
@@ -142,7 +141,7 @@ def solve_on(
         case, mesh, x: as above.
         solver: name.
         iterations: limit.
-        near: solve of a like case, whose factorised Jacobian may serve.
+        near: solve of a like case nearby, whose factorised Jacobian may serve.
         residual: largest entry of the scaled equations that counts as solved.
     """
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
@@ -154,9 +153,22 @@ def solve_on(
     problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
     solution = SOLVERS[solver](problem, x, options)
     if solver == SAFEGUARDED and not solution.status.ok and solution.residual <= FLOOR * math.sqrt(scale):
-        walked = valley.solve(problem, x, options)
+        kind = case.boundary.kind
+        held = kind.start_position and kind.end_position and kind.start_orientation and kind.end_orientation
+        energy = (lambda x: _energy(case, bound, x)) if held else None
+        walked = valley.solve(problem, x, options, energy, steps=valley.STEPS if near is None else valley.FEW)
         solution = walked if walked.status.ok else solution
     return Solved(case, bound, solution)
+
+
+def _energy(case: Case, bound: BoundCollocation, x: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(_rod(case, bound, x).energy())
+
+
+def _rod(case: Case, bound: BoundCollocation, x: Array) -> Rod:
+    states = bound.unpack(x)
+    return Rod(case.section, case.load, states.mesh, states.q, states.r, states.force, states.moment)
 
 
 def resample(rod: Rod, mesh: Array) -> Array:
@@ -302,7 +314,7 @@ def _trail(here: Solved, before: Solved | None) -> Trail:
     of the rounding in that direction.
     """
     x, factor = here.solution.x, here.solution.factor
-    if before is None or before.solution.x.shape != x.shape:
+    if before is None or not np.array_equal(before.bound.mesh, here.bound.mesh):
         return Trail((x,))
     trail, regular = here.trail, factor is not None and factor.benign and not factor.singular
     if trail is not None and len(trail.points) > 1 and trail.points[1] is before.solution.x and regular:

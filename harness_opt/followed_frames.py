@@ -144,6 +144,67 @@ class Frames(Sequence[Solved]):
                 self._bytes += _bytes_of(factor)
 
 
+class Stretches(Sequence[Solved]):
+    """Solved frames of one cable, in stretches that have a mesh each; what is behind the last one is kept bare.
+
+    Args:
+        most_held: bytes of the frames of one stretch that may stay in memory.
+    """
+
+    def __init__(self, most_held: int = MOST_HELD):
+        self.most_held = most_held
+        self.parts: list[Frames] = []
+
+    def __len__(self) -> int:
+        return sum(len(part) for part in self.parts)
+
+    @overload
+    def __getitem__(self, which: int) -> Solved: ...
+    @overload
+    def __getitem__(self, which: slice) -> list[Solved]: ...
+    def __getitem__(self, which: int | slice) -> Solved | list[Solved]:
+        if isinstance(which, slice):
+            return [self[k] for k in range(*which.indices(len(self)))]
+        k = which + len(self) if which < 0 else which
+        if k < 0:
+            raise IndexError(which)
+        for part in self.parts:
+            if k < len(part):
+                return part[k]
+            k -= len(part)
+        raise IndexError(which)
+
+    def append(self, frame: Solved) -> None:
+        """Add a frame; one on another mesh than the last one's begins a stretch."""
+        if self.parts and np.array_equal(self.parts[-1][-1].bound.mesh, frame.bound.mesh):
+            self.parts[-1].append(frame)
+            return
+        if self.parts:
+            self.parts[-1] = Frames(map(bare, self.parts[-1]), self.most_held)
+        self.parts.append(Frames([frame], self.most_held))
+
+    def cut(self, count: int) -> None:
+        """Keep the first ``count`` frames alone."""
+        while self.parts and len(self) - len(self.parts[-1]) >= count:
+            del self.parts[-1]
+        if self.parts:
+            self.parts[-1].cut(count - (len(self) - len(self.parts[-1])))
+
+
+def by_mesh(frames: Sequence[Solved]) -> Iterator[Sequence[Solved]]:
+    """Yield ``frames`` in turn, those together that follow each other on one mesh."""
+    first = 0
+    for k in range(1, len(frames) + 1):
+        if k == len(frames) or not np.array_equal(frames[k].bound.mesh, frames[first].bound.mesh):
+            yield frames[first:k]
+            first = k
+
+
+def bare(frame: Solved) -> Solved:
+    """Return ``frame`` without what can be found again: its factorised Jacobian, and the frames before it."""
+    return dataclasses.replace(frame, solution=dataclasses.replace(frame.solution, factor=None), trail=None)
+
+
 def at_a_time(frame: Solved) -> int:
     """Return of how many frames like this one something is asked at a time, so that it takes bounded memory."""
     return int(np.clip(NODES_AT_A_TIME // len(frame.bound.mesh), 1, MOST_AT_A_TIME))

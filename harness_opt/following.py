@@ -16,7 +16,6 @@ from .cold_start import cold_start, is_stable, let_go
 from .continuation import (
     COARSE,
     ELEMENTS,
-    NEAR,
     Solved,
     error_estimate,
     error_from_defects,
@@ -30,11 +29,12 @@ from .continuation import (
     turning,
 )
 from .errors import Status
-from .followed_frames import MOST_HELD, Frames, batch
+from .followed_frames import MOST_HELD, Stretches, batch, by_mesh
+from .mesh_changes import RESOLVED, lightened, moved_to
 from .problem import End, Problem
 from .rotations import Array
 from .shape import Rod
-from .stability import stability, surely_stable
+from .stability import doubt, doubtful, stability, surely_stable
 
 SAME_ENERGY = 1e-6  # relative difference below which two shapes of one pose are of one neutral family
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
@@ -43,8 +43,7 @@ JUMP = 0.2  # rad, largest turning of a section at the place of a loss above whi
 COARSEST = 0.2  # smallest step in the search for that place: it halves the way itself
 MOST_LOSSES = 8  # between two frames
 LANDED = 1e-5  # estimated error, in L, of a shape that a cable is taken to land in
-RESOLVED = 1e-4  # estimated error, in L, that a mesh is made for where a frame shows that the last one was too coarse
-MOST_MESHES = 20  # for one motion
+MOST_MESHES = 60  # that were too coarse, in one motion
 LATER = 4  # times over further on that a landing is tried where there is none at the place of the loss itself
 
 Progress = Callable[[str, int, int], None]
@@ -72,7 +71,7 @@ class Follower:
         self.ends = problem.ends(name, motion)
         self.frames = self._no_frames()
         self.snaps: list[tuple[int, float]] = []
-        self._resolved = 0  # frames that are known to be resolved by their mesh
+        self._errors: list[float] = []  # estimated, in L, of the first frames: those known to be resolved by their mesh
         self._meshes = 0  # that were made finer for the frames on them
 
     def run_all(
@@ -89,7 +88,7 @@ class Follower:
         given: Sequence[Solved | None] = guesses or [None] * total
         begin = self._refined(self._start(first, given[0]))
         if begin is None:
-            return Status.NO_START, self._failure(0, "no shape joins its two ends there")
+            return Status.NO_START, self.failure(0, "no shape joins its two ends there")
         self.frames.append(begin)
         while self.frames and self._meshes <= MOST_MESHES:
             lost, why = None, "the shape was lost and no stable one found again"
@@ -113,14 +112,14 @@ class Follower:
             if lost is not None:
                 landed = self._lose(lost)
                 if landed is None:
-                    return Status.STEP_TOO_SMALL, self._failure(lost, why)
+                    return Status.STEP_TOO_SMALL, self.failure(lost, why)
                 self._append(landed)
                 checked = len(self.frames)
             elif len(self.frames) == total:
                 return Status.OK, ""
             else:
                 checked = len(self.frames)
-        return Status.STEP_TOO_SMALL, self._failure(len(self.frames), "no mesh serves for the frames before it too")
+        return Status.STEP_TOO_SMALL, self.failure(len(self.frames), "no mesh serves for the frames before it too")
 
     def _case(self, ends: tuple[End, End], near: Case | None) -> Case:
         """Return the case of ``ends``, its quaternions signed like those of ``near``."""
@@ -175,12 +174,16 @@ class Follower:
 
     def _first_unstable(self, checked: int) -> int | None:
         """Return the first frame from ``checked`` on, but not frame 0, whose shape is unstable."""
-        rods, kind = batch(self.frames[checked:]), self.frames[0].case.boundary.kind
-        if surely_stable(rods, kind):
-            return None
-        lost = checked + np.flatnonzero(stability(rods, kind).index)
-        lost = lost[lost > max(0, checked - 1)]
-        return int(lost[0]) if len(lost) else None
+        kind, first = self.frames[0].case.boundary.kind, checked
+        for frames in by_mesh(self.frames[checked:]):
+            rods, errors = batch(frames), np.array(self._errors[first : first + len(frames)])
+            if not surely_stable(rods, kind, doubt(errors)):
+                found = stability(rods, kind)
+                for k in np.flatnonzero(doubtful(rods, found, errors) | (found.index > 0)).tolist():
+                    if first + k and not is_stable(frames[k], self.solver):
+                        return first + k
+            first += len(frames)
+        return None
 
     def _lose(self, k: int) -> Solved | None:
         """Find where the shape is lost between frames k - 1 and k, let go there, and follow to frame k; None in vain.
@@ -198,7 +201,7 @@ class Follower:
             ):
                 self.snaps.append((k, beyond))
             solved, reached = follow(self._path(landed.case), landed, where, target, self.solver)
-            if reached == target and is_stable(solved):
+            if reached == target and is_stable(solved, self.solver):
                 return solved
             here, at = landed, where
         return None
@@ -210,13 +213,13 @@ class Follower:
             while abs(beyond - at) > EDGE:
                 middle = 0.5 * (at + beyond)
                 solved, reached = follow(self._path(here.case), here, at, middle, self.solver, COARSEST)
-                if reached == middle and is_stable(solved):
+                if reached == middle and is_stable(solved, self.solver):
                     here, at = solved, middle
                 else:
                     beyond = middle
             # those steps may only have been too long: with short ones the shape is lost here, or goes on
             solved, reached = follow(self._path(here.case), here, at, beyond, self.solver)
-            if beyond == target or reached != beyond or not is_stable(solved):
+            if beyond == target or reached != beyond or not is_stable(solved, self.solver):
                 return here, at, beyond
             here, at, beyond = solved, beyond, target
 
@@ -227,52 +230,22 @@ class Follower:
             landed = let_go(self._path(here.case)(where), here.rod, self.solver)
             if landed is not None:
                 landed, _, status = refine(landed, LANDED, self.solver)  # a coarse mesh has shapes that no cable has
-                if status.ok and is_stable(landed):
+                if status.ok and is_stable(landed, self.solver):
                     return landed, where
             if beyond == target:
                 break
         return None, beyond
 
     def _append(self, solved: Solved) -> None:
-        """Add a frame; all frames are on one mesh, so one that needed a finer mesh takes the others along.
-
-        Where one of these gets lost by that, it and those behind it are to be solved again, the new one too.
-        """
-        mesh = solved.bound.mesh
-        if self.frames and not np.array_equal(mesh, self.frames[-1].bound.mesh):
-            old = self.frames[-1].bound.mesh
-            again = solve_on(solved.case, old, resample(solved.rod, old), self.solver)
-            same = again.ok and not again.turned and turning(again.rod.q, solved.rod.sample(old).q) < NEAR
-            if same and error_estimate(again)[0] < COARSE:
-                solved = again
-            else:
-                if len(mesh) < len(old):
-                    mesh = refined_mesh(mesh, error_estimate(solved)[1], len(old) - 1)
-                    solved = solve_on(solved.case, mesh, resample(solved.rod, mesh), self.solver)
-                if not self._take_along(mesh, len(self.frames)):
-                    return
+        """Add a frame; where its mesh is not that of the last one, on as light a one as does."""
+        if self.frames and not np.array_equal(solved.bound.mesh, self.frames[-1].bound.mesh):
+            solved = lightened(solved, self.frames[-1], self.elements, self.solver)
         self.frames.append(solved)
-
-    def _take_along(self, mesh: Array, count: int) -> bool:
-        """Solve the first ``count`` frames on another mesh, as far as they stay what they are, and drop the others.
-
-        Returns whether all of them came along.
-        """
-        again = self._no_frames()
-        for frame in self.frames[:count]:
-            solved = solve_on(frame.case, mesh, resample(frame.rod, mesh), self.solver)
-            if not solved.ok or turning(solved.rod.q, frame.rod.sample(mesh).q) > NEAR:
-                break
-            again.append(solved)
-        self.frames, self._resolved = again, 0
-        self._meshes += 1
-        self._drop_snaps()
-        return len(again) == count
 
     def _cut(self, count: int) -> None:
         """Keep the first ``count`` frames alone."""
         self.frames.cut(count)
-        self._resolved = min(self._resolved, count)
+        del self._errors[count:]
         self._drop_snaps()
 
     def _drop_snaps(self) -> None:
@@ -280,25 +253,33 @@ class Follower:
         self.snaps = [(frame, at) for frame, at in self.snaps if frame < len(self.frames)]
 
     def _refine_coarse(self) -> bool:
-        """Go back to before the first frame that the mesh is too coarse for, on a finer one; return whether there is.
+        """Go back to before the first frame that its mesh is too coarse for, on a finer one; return whether there is.
 
         What is followed on too coarse a mesh leads to shapes that the cable does not have.
         """
-        mesh, frames = self.frames[0].bound.mesh, self.frames[self._resolved :]
-        if not frames:
-            return False
-        with np.errstate(over="ignore", invalid="ignore"):
-            defects = batch(frames).defects()
-        local = np.zeros(len(mesh) - 1)
-        for k, frame in enumerate(frames):
-            error, own = error_from_defects(frame, defects.of(k))
-            local = np.maximum(local, own)
-            finer = finer_mesh(mesh, local, error / RESOLVED, np.inf) if error > COARSE else None
-            if finer is not None:
-                self._take_along(finer, max(1, self._resolved + k))
-                return True
-        self._resolved = len(self.frames)
+        for frames in by_mesh(self.frames[len(self._errors) :]):
+            mesh, local = frames[0].bound.mesh, np.zeros(len(frames[0].bound.mesh) - 1)
+            with np.errstate(over="ignore", invalid="ignore"):
+                defects = batch(frames).defects()
+            for k, frame in enumerate(frames):
+                error, own = error_from_defects(frame, defects.of(k))
+                local = np.maximum(local, own)
+                finer = finer_mesh(mesh, local, error / RESOLVED, np.inf) if error > COARSE else None
+                if finer is not None:
+                    self._meshes += 1
+                    self._go_on_from(max(0, len(self._errors) - 1), finer)
+                    return True
+                self._errors.append(error)
         return False
+
+    def _go_on_from(self, last: int, mesh: Array) -> None:
+        """Keep the frames up to ``last``, and that on another mesh; where it does not stay the same, one before it."""
+        for k in range(last, -1, -1):
+            moved = moved_to(self.frames[k], mesh, self.solver)
+            self._cut(k)
+            if moved is not None:
+                self.frames.append(moved)
+                return
 
     def _swing_start(self, landed: Solved, where: float) -> bool:
         """Replace a first frame that may turn freely by the member of its family that leads to ``landed``.
@@ -311,15 +292,15 @@ class Follower:
         energy = float(first.rod.energy())
         if reached != start or abs(float(swung.rod.energy()) - energy) > SAME_ENERGY * (1.0 + abs(energy)):
             return False
-        self.frames, self._resolved = self._no_frames(), 0
+        self.frames, self._errors = self._no_frames(), []
         self._append(swung)
         return True
 
-    def _no_frames(self) -> Frames:
+    def _no_frames(self) -> Stretches:
         """Return a place for frames."""
-        return Frames(most_held=MOST_HELD // len(self.problem.cables))
+        return Stretches(MOST_HELD // len(self.problem.cables))
 
-    def _failure(self, frame: int, reason: str) -> str:
+    def failure(self, frame: int, reason: str) -> str:
         """Return the sentence for the user."""
         return (
             f"cable {self.name}, frame {frame} of {len(self.motion)} (motion {self.motion[frame]:.4f}): {reason}; "

@@ -27,6 +27,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import rod as rod_module
 from .boundary import Kind
@@ -39,6 +40,9 @@ from .shape import Rod
 # A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
+# What margins are off, in the same size, for each unit of the centreline's estimated error in L: up to 9 on the frames
+# of the paper's rig.
+SENSITIVE = 10.0
 RANK = 1e-9  # singular values below this fraction of the largest count as zero
 PHASE = 2.0  # rad, most that a mode is let to vary by over one element
 MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
@@ -158,30 +162,50 @@ def _judged(rod: Rod, mesh: Array, kind: Kind) -> Stability:
 def _by_counting(variation: SecondVariation, units: Array) -> Stability:
     """Return the stability of one or many shapes, each by itself; ``units`` (...) is what counts as zero of each."""
     if not units.ndim:
-        pencil = Pencil(variation, float(units))
-        return Stability(np.asarray(pencil.lowest()[0]), np.asarray(pencil.index))
+        margin, _, index = Pencil(variation).lowest(float(units))
+        return Stability(np.asarray(margin), np.asarray(index))
     found = [_by_counting(variation[k], units[k]) for k in range(len(units))]
     return Stability(np.array([one.margin for one in found]), np.array([one.index for one in found]))
 
 
-def surely_stable(rod: Rod, kind: Kind) -> bool:
+def doubt(error: Array | float) -> Array:
+    """Return the margin, in the size of the loads, that a shape with an estimated ``error`` (in L) may be wrong by."""
+    return np.asarray(NEUTRAL + SENSITIVE * np.asarray(error))
+
+
+def doubtful(rod: Rod, found: Stability, error: Array | float) -> NDArray[np.bool_]:
+    """Return whether margins are so near zero that errors (...) of the shapes may have given them their sign, (...)."""
+    return np.asarray(~(np.abs(found.margin) > doubt(error) * _scale(rod)))
+
+
+def surely_stable(rod: Rod, kind: Kind, above: Array | float = -NEUTRAL) -> bool:
     """Return whether all shapes of ``rod`` are stable; False may also mean that it takes eigenvalues to tell.
 
     Q plus a stiff spring against moving the end is positive definite only if Q is so on the fields that leave the end
     where it is: a Cholesky factor instead of eigenvalues, at a tenth of the time. With a dead moment that holds for the
     symmetric part, and what it says of that is true of the real parts of all eigenvalues.
+
+    Args:
+        rod, kind: as above.
+        above: what the margin is to be more than, in the size of the loads, (...).
     """
     mesh = _resolving(rod)
-    return all(_surely_stable(part, mesh, kind) for part in _parts(rod, mesh))
+    least, first = np.broadcast_to(above, rod.q.shape[:-2]) * _scale(rod), 0
+    for part in _parts(rod, mesh):
+        count = len(part.q)
+        if not _surely_stable(part, mesh, kind, least if rod.q.ndim == 2 else least[first : first + count]):
+            return False
+        first += count
+    return True
 
 
-def _surely_stable(rod: Rod, mesh: Array, kind: Kind) -> bool:
-    variation, units = second_variation(rod, mesh, kind).symmetric, NEUTRAL * _scale(rod)
+def _surely_stable(rod: Rod, mesh: Array, kind: Kind, least: Array) -> bool:
+    variation = second_variation(rod, mesh, kind).symmetric
     if variation.size > LARGE:
-        shapes = [variation] if not units.ndim else [variation[k] for k in range(len(units))]
-        return not any(Pencil(one, unit).index for one, unit in zip(shapes, units.ravel(), strict=True))
+        shapes = [variation] if not least.ndim else [variation[k] for k in range(len(least))]
+        return not any(Pencil(one).below(value) for one, value in zip(shapes, least.ravel().tolist(), strict=True))
     matrix, moves, mass = variation.dense()
-    matrix = matrix + units[..., None, None] * mass
+    matrix = matrix - least[..., None, None] * mass
     if variation.closed:
         matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(moves, -1, -2) @ moves
     try:
@@ -199,7 +223,7 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     mesh = _resolving(rod)
     variation = second_variation(rod, mesh, kind)
     if variation.conservative:
-        found = Pencil(variation, NEUTRAL * float(_scale(rod))).lowest()[1]
+        found = Pencil(variation).lowest(NEUTRAL * float(_scale(rod)))[1]
     else:
         matrix, basis = _reduced(variation)
         values, vectors = np.linalg.eig(matrix)

@@ -16,6 +16,7 @@ from .continuation import Solved, finer_mesh, resample, settled, solve_on
 from .errors import Status
 from .followed_frames import Frames, batch, blocks
 from .following import Follower, Progress
+from .mesh_changes import on_one_mesh
 from .problem import End, Problem
 from .results import STATIONS, CableMotion, Followed
 from .rod import Units
@@ -109,7 +110,9 @@ def sweep(
         status, message = follower.run_all(first, guesses, check=not look)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
         status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
-    frames = follower.frames
+    frames = on_one_mesh(follower.frames, solver)
+    if len(frames) < len(follower.frames):
+        status, message = Status.STEP_TOO_SMALL, follower.failure(len(frames), "no mesh serves for all frames")
     units = rod_module.scale(follower.run.cable)[1]
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))

@@ -6,6 +6,7 @@ ordering found by SuperLU on 64 elements.
 
 from __future__ import annotations
 
+import functools
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -41,13 +42,20 @@ class Factor:
         lu: solves with the Jacobian, or with the Jacobian bordered by its null vectors; None for a dense solve, or in a
             large problem an iterative one.
         bordered: which of the two.
-        condition: estimate of the condition number of the matrix that ``lu`` factorises.
+        plain: estimate of the condition number of the matrix that ``lu`` factorises.
     """
 
     jacobian: sp.csc_array
     lu: Any
     bordered: bool = False
-    condition: float = np.inf
+    plain: float = np.inf
+
+    @functools.cached_property
+    def condition(self) -> float:
+        """The condition number; with rows and columns scaled, which takes time, where it is large as it stands."""
+        if self.plain < BENIGN or self.bordered or self.lu is None:
+            return self.plain
+        return min(self.plain, _scaled_condition(self.jacobian))
 
     @property
     def singular(self) -> bool:
@@ -88,16 +96,16 @@ def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
     if lu is None:
         return Factor(jacobian, None)
     condition, right = _condition(jacobian, lu, "T", "N")
-    scaled = condition if condition < BENIGN else min(condition, _scaled_condition(jacobian))
-    if condition < CONDITION_LIMIT or scaled < limit:
-        return Factor(jacobian, lu, condition=scaled)
+    regular = Factor(jacobian, lu, plain=condition)
+    if condition < limit or regular.condition < limit:
+        return regular
     if np.isfinite(condition):
         left = _condition(jacobian, lu, "N", "T")[1]
         size = spla.norm(jacobian) / np.sqrt(rows)  # keeps the border on the scale of the matrix
         border = bordered_matrix(jacobian, size * left, size * right)
         bordered = _lu(border)
         if bordered is not None and (scaled := _scaled_condition(border)) < limit:
-            return Factor(jacobian, bordered, bordered=True, condition=scaled)
+            return Factor(jacobian, bordered, bordered=True, plain=scaled)
     return Factor(jacobian, None)
 
 
