@@ -22,7 +22,7 @@ from .extrapolation import Trail
 from .rotations import Array
 from .shape import Defects, Rod
 from .solvers import gauss_newton, ipopt, levenberg_marquardt, paper, valley
-from .solvers.interface import Options, Solution, Solver
+from .solvers.interface import Options, Solution, Solver, largest
 from .solvers.linear import CONDITION_LIMIT, Factor, factorise
 from .transcriptions.collocation import BoundCollocation, collocation, pack, stations
 
@@ -57,6 +57,7 @@ SMALLEST_STEP = 2.0**-12  # of a path step
 COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
 WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
+POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
 SETTLED, SETTLINGS = 0.3, 12  # part of the residual that a walk along a valley is to leave, and how often
 TURNED = 1e-2  # L a rad: what an error of the frames counts
 CALM = 3  # corrector iterations up to which the next step may double
@@ -245,6 +246,31 @@ def settled(solved: Solved) -> Solved:
     return solved if best is solved.solution or found.turned else found
 
 
+def polished(solved: Solved) -> Solved:
+    """Return a solve corrected until rounding is left, with the Jacobian that it ended with.
+
+    What counts as solved grows with the loads, and long elements show what is left: their curvatures are the small
+    differences of large moments.
+    """
+    best = solved.solution
+    if best.factor is not None and not best.factor.singular:
+        best = _corrected(solved.bound, best, best.factor)
+    if best is solved.solution and best.residual > RESIDUAL and not solved.factor.singular:
+        best = _corrected(solved.bound, best, solved.factor)
+    return solved if best is solved.solution else dataclasses.replace(solved, solution=best)
+
+
+def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
+    """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
+    for _ in range(POLISHES):
+        x = best.x - factor.solve(bound.residual(best.x))
+        left = largest(bound.residual(x))
+        if not left < POLISHED * best.residual:
+            break
+        best = dataclasses.replace(best, x=x, residual=left)
+    return best
+
+
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     """Return a mesh of ``elements`` on which the local errors (n,) would be equal (equidistribution).
 
@@ -288,6 +314,7 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
     Returns:
         The best solve, its estimated error, and OK, INACCURATE or the solver's own failure.
     """
+    solved = polished(solved)
     error, local = error_estimate(solved)
     best, before = (solved, error), np.inf
     while error > tolerance:
@@ -301,7 +328,7 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
         again = solve_on(solved.case, mesh, x, solver)
         if not again.ok or again.turned:
             return *best, again.solution.status if not again.ok else Status.WRONG_TURNS
-        solved = again
+        solved = polished(again)
         error, local = error_estimate(solved)
         best = min(best, (solved, error), key=lambda found: found[1])
     return solved, error, Status.OK

@@ -13,6 +13,7 @@ so that F(s) = F0 - f s needs three unknowns in all. (9) is the second equation 
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -75,6 +76,22 @@ def wave_numbers(force: Array, moment: Array, stiffness: Array) -> Array:
     return np.asarray(
         np.sqrt(np.linalg.norm(force, axis=-1) / bending) + np.linalg.norm(moment, axis=-1) / bending, dtype=float
     )
+
+
+def twisted_waves(q: Array, moment: Array, stiffness: Array) -> Array:
+    """Return how fast fields turn in the section frame for the moments (..., n, 3) alone, rad in its length, (..., n).
+
+    Those of Euler's top, to which m' = m x K^-1 m belongs, about each of its axes; M / B for a twisted rod that is
+    stiff in torsion. Landau and Lifshitz, "Mechanics", section 37.
+
+    Args:
+        q: quaternions of the sections, (..., n, 4).
+        moment: in the world frame.
+        stiffness: (3,).
+    """
+    own, soft = rotations.rotate(rotations.conjugate(q), moment), 1.0 / stiffness
+    rates = [math.sqrt(abs((soft[i - 1] - soft[i]) * (soft[i - 2] - soft[i]))) for i in range(3)]
+    return np.asarray(np.abs(own) @ np.array(rates))
 
 
 def frame(q: ca.SX) -> ca.SX:

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import rod, rotations
-from .long_elements import LongElements
+from .long_elements import TERMS, LongElements, derivatives
 from .quadrature import gauss
 from .rod import Section
 from .rotations import Array
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
 STRETCHES = 3  # series along an element, for what it misses: of two, their own truncation shows on coarse meshes
-# decay lengths of a tension, and rad of a twisting moment's waves, that an element may have: beyond, what rounding
+# decay lengths of a tension, with rad of a twisting moment's waves, that an element may have: beyond, what rounding
 # leaves at a node swamps its series
-SPAN, WAVES = 20.0, 60.0
+SPAN = 20.0
 FOLLOWED = 6.0  # decay lengths up to which an element grows what it misses at its start as the exact solution does
 ENERGY_POINTS = 6  # Gauss points an element for energies
 
@@ -99,8 +99,13 @@ class Rod:
     @functools.cached_property
     def long(self) -> NDArray[np.bool_]:
         """Whether an element is longer, in any of the shapes, than a power series spans, (n,)."""
-        waving = rod.wave_numbers(np.zeros_like(self.force), self.moment, self.section.stiffness)
-        return np.asarray(np.maximum(self._decay_lengths / SPAN, self._along(waving) / WAVES) > 1.0)
+        return np.asarray(self._growth_lengths > SPAN)
+
+    @functools.cached_property
+    def _growth_lengths(self) -> Array:
+        """How far fields may vary in each element, the most in any of the shapes: decay lengths and rad, (n,)."""
+        waving = rod.twisted_waves(self.q, self.moment, self.section.stiffness)
+        return self._decay_lengths + self._along(waving)
 
     @functools.cached_property
     def _decay_lengths(self) -> Array:
@@ -117,11 +122,11 @@ class Rod:
         chosen = np.flatnonzero(self.long)
         ends = np.array([chosen, chosen + 1])
 
-        def at(values: Array) -> Array:
-            return np.moveaxis(values[..., ends, :], -3, 0)
+        def at(coefficients: Array) -> Array:
+            return np.moveaxis(coefficients[:TERMS, ..., ends, :], -3, 0)
 
-        step = self.mesh[ends[1]] - self.mesh[ends[0]]
-        return LongElements(step, at(self.r), at(self.q), at(series.omega[0]))
+        step, order = np.diff(self.mesh)[chosen], derivatives(self._growth_lengths[chosen])
+        return LongElements(step, order, at(series.r), at(series.q), at(series.omega))
 
     def sample(self, s: Array, series: rod.Series | None = None) -> Samples:
         """Return all quantities at arc lengths ``s`` (N,) from 0 to 1."""
@@ -171,10 +176,10 @@ class Rod:
                 missed[..., stiff, :] = there[..., stiff, :]
         if np.any(self.long):
             long = self.long
-            dq[..., long, :], dr[..., long, :] = self._long_elements(series).defects()
+            dq[..., long, :], dr[..., long, :], arm = self._long_elements(series).defects()
             middle = self.force[..., 1:, :] + 0.5 * steps[:, None] * self.load
             moments = np.diff(self.moment, axis=-2) + rotations.cross(np.diff(self.r, axis=-2), middle)
-            dm[..., long, :] = moments[..., long, :]
+            dm[..., long, :] = moments[..., long, :] - rotations.cross(arm, self.load)
             turning[..., long] = 2.0 * np.linalg.norm(dq[..., long, :], axis=-1)
             apart[..., long] = np.linalg.norm(dr[..., long, :], axis=-1)
         return Defects(dq, dm, dr, turning, apart, np.where(stiff | self.long, 0.5, 1.0))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 
 import harness_opt as ho
 from harness_opt import rotations
-from harness_opt.long_elements import LongElements
+from harness_opt.long_elements import TERMS, LongElements
 
 CABLE = ho.Cable(1.0, 0.01, 1.0, 1.0)  # kx = ky = kz = 1 N m2
 
@@ -40,47 +43,93 @@ def test_clamp_layers_have_their_closed_form(slack, angle):
     assert shape.stability_margin == pytest.approx(np.pi**2, rel=1e-4 + 5.0 / decay)
 
 
-def helix(s, curvature, torsion):
-    """Positions, quaternions and the Darboux vector of a helix that starts along z."""
-    omega = np.array([curvature, 0.0, torsion])
-    size = np.linalg.norm(omega)
-    q = rotations.from_rotation_vector(s[:, None] * omega)
-    axis = omega / size
-    part = axis[2] * axis
-    across = np.array([0.0, 0.0, 1.0]) - part
-    turned = np.sin(size * s)[:, None] / size * across + (1 - np.cos(size * s))[:, None] / size * np.cross(axis, across)
-    return s[:, None] * part + turned, q, np.broadcast_to(omega, (len(s), 3))
+def waving(nodes, bent, rate):
+    """Power series (TERMS, n, ...) about ``nodes`` of a planar rod that waves: turned by ``bent`` sin(rate s) about d2.
+
+    With z = exp(i angle / 2), z' = i angle' z / 2, and the tangent is z^2.
+    """
+    angle = [bent * rate ** (k + 1) * np.cos(rate * nodes + 0.5 * k * np.pi) / math.factorial(k) for k in range(TERMS)]
+    z = [np.exp(0.5j * bent * np.sin(rate * nodes))]
+    for k in range(TERMS - 1):
+        z.append(0.5j / (k + 1) * sum(angle[j] * z[k - j] for j in range(k + 1)))
+    tangent = [sum(z[j] * z[k - j] for j in range(k + 1)) for k in range(TERMS - 1)]
+    moved = [along(lambda s: np.exp(1j * bent * np.sin(rate * s)), nodes)]
+    moved += [tangent[k] / (k + 1) for k in range(TERMS - 1)]
+    zero = np.zeros((TERMS, len(nodes)))
+    q = np.stack([np.real(z), zero, np.imag(z), zero], axis=-1)
+    return np.stack([np.imag(moved), zero, np.real(moved)], axis=-1), q, np.stack([zero, angle, zero], axis=-1)
 
 
-def long_helix(count):
-    """The turn of a helix in ``count`` long elements."""
+def along(rate, places):
+    """Integrals (n,) of ``rate`` from 0 to places."""
+    x, w = np.polynomial.legendre.leggauss(40)
+    return 0.5 * places * (rate(0.5 * places[:, None] * (x + 1.0)) @ w)
+
+
+def long_waves(count, order, rate=5.0):
+    """A rod that waves in ``count`` long elements."""
     s = np.linspace(0.0, 1.0, count + 1)
-    r, q, omega = helix(s, 1.5, 4.0)
 
-    def ends(values):
-        return np.stack([values[:-1], values[1:]])
+    def ends(coefficients):
+        return np.stack([coefficients[:, :-1], coefficients[:, 1:]])
 
-    return LongElements(np.diff(s), ends(r), ends(q), ends(omega))
+    return LongElements(np.diff(s), np.full(count, order), *(ends(of) for of in waving(s, 1.0, rate)))
 
 
 def test_long_elements_turn_evenly():
-    part = np.linspace(0.0, 1.0, 7)
+    part, omega = np.linspace(0.0, 1.0, 7), np.array([1.5, 0.0, 4.0])
     for count in (2, 5):
+        s = np.linspace(0.0, 1.0, count + 1)
+        half, q = 0.5 * np.append(0.0, omega), [rotations.from_rotation_vector(s[:, None] * omega)]
+        for k in range(1, TERMS):
+            q.append(rotations.multiply(q[-1], half) / k)
+        spin = np.zeros((TERMS, count + 1, 3))
+        spin[0] = omega
+        ends = [np.stack([of[:, :-1], of[:, 1:]]) for of in (np.zeros_like(spin), np.stack(q), spin)]
+        found = LongElements(np.diff(s), 1 + np.arange(count) % (TERMS - 1), *ends)
         for element in range(count):
-            found = long_helix(count).sample(np.full(len(part), element), part)
-            expected = helix((element + part) / count, 1.5, 4.0)
-            assert np.max(np.abs(found[1] - expected[1])) < 1e-14
-            assert np.max(np.abs(found[2] - expected[2])) < 1e-14
+            _, frames, turning = found.sample(np.full(len(part), element), part)
+            expected = rotations.from_rotation_vector((element + part[:, None]) / count * omega)
+            assert np.max(np.abs(frames - expected)) < 1e-14
+            assert np.max(np.abs(turning - omega)) < 1e-13
 
 
-def test_positions_in_long_elements_are_of_fourth_order_and_so_are_their_defects():
-    errors, defects = [], []
-    for count in (8, 16):
-        found = long_helix(count).sample(np.arange(count), np.full(count, 0.5))[0]
-        expected = helix((np.arange(count) + 0.5) / count, 1.5, 4.0)[0]
-        errors.append(np.max(np.linalg.norm(found - expected, axis=1)))
-        turned, moved = long_helix(count).defects()
-        assert np.max(np.abs(turned)) < 1e-14
-        defects.append(np.max(np.linalg.norm(moved, axis=1)))
-    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)
-    assert defects[0] / defects[1] == pytest.approx(32.0, rel=0.1)
+@pytest.mark.parametrize("order", range(1, TERMS))
+def test_each_derivative_at_both_nodes_of_long_elements_is_worth_two_orders(order):
+    counts, errors = (16, 32), {"r": [], "q": [], "omega": [], "turned": []}
+    for count in counts:
+        element, at = np.arange(count), (np.arange(count) + 0.4) / count
+        found = long_waves(count, order)
+        exact = waving(at, 1.0, 5.0)
+        for key, one, other in zip(("r", "q", "omega"), found.sample(element, np.full(count, 0.4)), exact, strict=True):
+            errors[key].append(np.max(np.abs(one - other[0])))
+        errors["turned"].append(np.max(np.abs(found.defects()[0])))
+    expected = {"r": 2 * order + 2, "q": 2 * order + 2, "omega": 2 * order, "turned": 2 * order + 1}
+    for key, power in expected.items():
+        assert np.log2(errors[key][0] / errors[key][1]) == pytest.approx(power, abs=0.35), key
+
+
+def test_defects_of_long_elements_are_what_their_nodes_miss():
+    turn, shift = 1e-4, 2e-4
+    good = long_waves(64, 3)
+    q, r = good.q.copy(), good.r.copy()
+    q[1, 0, 5] = rotations.multiply(q[1, 0, 5], rotations.from_rotation_vector([0.0, turn, 0.0]))
+    r[1, 0, 5, 0] += shift
+    missed, moved, _ = dataclasses.replace(good, q=q, r=r).defects()
+    assert 2.0 * np.linalg.norm(missed[5]) > turn
+    assert moved[5, 0] == pytest.approx(shift, rel=0.02)
+    others = np.arange(64) != 5
+    assert np.max(np.abs(missed[others])) < 1e-8 and np.max(np.abs(moved[others])) < 1e-12
+
+
+def test_tangents_of_long_elements_have_their_moment_about_the_middle():
+    arm = long_waves(8, 3).defects()[2]
+    s = np.linspace(0.0, 1.0, 9)
+    middle = 0.5 * (s[1:] + s[:-1])
+
+    def moment(place):
+        return along(lambda s: s * np.exp(1j * np.sin(5.0 * s)), place)
+
+    exact = np.diff(moment(s)) - middle * np.diff(along(lambda s: np.exp(1j * np.sin(5.0 * s)), s))
+    assert np.max(np.abs(arm[:, 0] - exact.imag)) < 1e-8 * np.max(np.abs(exact))
+    assert np.max(np.abs(arm[:, 2] - exact.real)) < 1e-8 * np.max(np.abs(exact))
