@@ -112,7 +112,9 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterat
         return
     work = QUICK if taut else WORK
     resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=work)
-    yield from _some(_solved(begun, None if resting is None else stiffen(begun, resting, work), solver))
+    if resting is not None:
+        resting = stiffen(begun, resting, work, patiently=not taut)
+    yield from _some(_solved(begun, resting, solver))
     if taut:
         for coiled in (TWISTED, COILED):
             yield from _some(_tightened(case, turns, bow, coiled, solver))

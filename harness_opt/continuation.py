@@ -33,6 +33,7 @@ SOLVERS: dict[str, Solver] = {
     "paper": paper.solve,
 }
 SAFEGUARDED = "gauss-newton"  # the solver that a walk along a valley comes after
+SHARP = 1e-3  # part of the residual asked for that counts as solved along a valley: what is left goes far there
 FLOOR = 1e-2  # residual of the scaled equations that is left on the floor of a valley at most
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 ELEMENTS = (
@@ -48,13 +49,17 @@ ELEMENTS = (
     192,
     256,
 )  # meshes on offer; a function is built once for each
+LAST_RESORT = (384, 512)  # elements of the one shape that those do not do for
 RESIDUAL = 1e-11  # of the scaled equations
 PATH_RESIDUAL = 1e-10  # the same on a path: 2e-10 L off a solve to the last digit, over the reference cases' motions
 ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
 STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
 NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
 SMALLEST_STEP = 2.0**-12  # of a path step
-COARSE = 1e-3  # estimated error, in L, at which a path is refined on the way
+# Estimated errors, in L: at which a path is refined on the way, as near folds more leads past them; and at which it is
+# given up, as more leads to shapes that the cable does not have. Along flat valleys no mesh may do for the first.
+COARSE, ROUGH = 1e-5, 1e-3
+ENOUGH = 128  # elements up to which it is refined for the first
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
 WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
 POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
@@ -136,7 +141,8 @@ def solve_on(
 ) -> Solved:
     """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended.
 
-    Where Gauss-Newton comes down to the floor of a valley and no further, it is walked along (:mod:`.solvers.valley`).
+    Where Gauss-Newton comes down to the floor of a valley, and not quite to the solution, it is walked along
+    (:mod:`.solvers.valley`).
 
     Args:
         case, mesh, x: as above.
@@ -153,12 +159,17 @@ def solve_on(
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
     solution = SOLVERS[solver](problem, x, options)
-    if solver == SAFEGUARDED and not solution.status.ok and solution.residual <= FLOOR * math.sqrt(scale):
+    flat = solution.factor is None or solution.factor.plain > CONDITION_LIMIT
+    sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
+    loose = solution.residual > (sharp.tolerance if flat else tolerance)
+    if solver == SAFEGUARDED and loose and solution.residual <= FLOOR * math.sqrt(scale):
         kind = case.boundary.kind
         held = kind.start_position and kind.end_position and kind.start_orientation and kind.end_orientation
         energy = (lambda x: _energy(case, bound, x)) if held else None
-        walked = valley.solve(problem, x, options, energy, steps=valley.STEPS if near is None else valley.FEW)
-        solution = walked if walked.status.ok else solution
+        begun = solution.x if solution.status.ok else x  # where it did not converge, it may have strayed far
+        walked = valley.solve(problem, begun, sharp, energy, steps=valley.STEPS if near is None else valley.FEW)
+        if walked.residual <= min(tolerance, solution.residual):
+            solution = dataclasses.replace(walked, status=Status.OK)
     return Solved(case, bound, solution)
 
 
@@ -289,27 +300,47 @@ def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     return np.interp(np.linspace(0.0, run[-1], elements + 1), run, mesh)
 
 
-def finer_mesh(mesh: Array, local: Array, excess: float, before: float) -> Array | None:
+def finer_mesh(mesh: Array, local: Array, excess: float, before: float, most: int = ELEMENTS[-1]) -> Array | None:
     """Return the mesh on offer on which the error would be ``excess`` times smaller, or one of twice the elements.
 
     Args:
         mesh, local: nodes (n + 1,) and local errors (n,).
         excess: error over tolerance.
         before: the same on the mesh before.
+        most: elements.
 
     Returns:
-        The finest on offer, dealt out anew, where there is no finer one; None where that gains nothing any more.
+        The finest of these, dealt out anew, where there is no finer one; None where that gains nothing any more.
     """
     n = len(mesh) - 1
-    if n >= ELEMENTS[-1] and not excess < WORTHWHILE * before:
+    if n >= most and not excess < WORTHWHILE * before:
         return None
+    most = max(n, most)
     wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
-    finer = next((m for m in ELEMENTS if m >= wanted and m > n), ELEMENTS[-1])
+    finer = next((m for m in (*ELEMENTS, *LAST_RESORT) if most >= m > n and m >= wanted), most)
     return refined_mesh(mesh, local, finer)
 
 
-def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float, Status]:
+def elements_for(solved: Solved, error: float | None = None) -> int:
+    """Return up to how many elements a shape on a path is to be refined; 0 where it is accurate enough for one.
+
+    Args:
+        solved: the shape.
+        error: estimated, in L; None has it estimated.
+    """
+    error = error_estimate(solved)[0] if error is None else error
+    if error > ROUGH:
+        return ELEMENTS[-1]
+    return ENOUGH if error > COARSE and len(solved.bound.mesh) <= ENOUGH else 0
+
+
+def refine(solved: Solved, tolerance: float, solver: str, most: int = ELEMENTS[-1]) -> tuple[Solved, float, Status]:
     """Refine the mesh of a solved case until its estimated error is at most ``tolerance`` (in L).
+
+    Args:
+        solved, tolerance: as above.
+        solver: name.
+        most: elements.
 
     Returns:
         The best solve, its estimated error, and OK, INACCURATE or the solver's own failure.
@@ -320,7 +351,7 @@ def refine(solved: Solved, tolerance: float, solver: str) -> tuple[Solved, float
         error, local = error_estimate(solved)
     best, before = (solved, error), np.inf
     while error > tolerance:
-        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before)
+        mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before, most)
         if mesh is None:
             return *best, Status.INACCURATE
         before = error / tolerance
@@ -414,10 +445,11 @@ def follow(
             continue
         previous = target - at
         here, before, at = solved, here, target
-        if error_estimate(here)[0] > COARSE:  # an under-resolved path leads to shapes that the cable does not have
-            here, _, status = refine(here, 0.1 * COARSE, solver)
+        most = elements_for(here)
+        if most:
+            here, error, _ = refine(here, 0.1 * COARSE, solver, most)
             before = None
-            if not status.ok:
+            if not error <= ROUGH:
                 break
         if solved.solution.iterations <= CALM:
             length *= 2.0

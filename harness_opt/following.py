@@ -14,9 +14,9 @@ import numpy as np
 from .boundary import Case, case
 from .cold_start import cold_start, is_stable, let_go
 from .continuation import (
-    COARSE,
     ELEMENTS,
     Solved,
+    elements_for,
     error_estimate,
     error_from_defects,
     finer_mesh,
@@ -43,7 +43,7 @@ JUMP = 0.2  # rad, largest turning of a section at the place of a loss above whi
 COARSEST = 0.2  # smallest step in the search for that place: it halves the way itself
 MOST_LOSSES = 8  # between two frames
 LANDED = 1e-5  # estimated error, in L, of a shape that a cable is taken to land in
-MOST_MESHES = 60  # that were too coarse, in one motion
+MOST_MESHES = 40  # that were too coarse, in one motion
 LATER = 4  # times over further on that a landing is tried where there is none at the place of the loss itself
 
 Progress = Callable[[str, int, int], None]
@@ -264,7 +264,8 @@ class Follower:
             for k, frame in enumerate(frames):
                 error, own = error_from_defects(frame, defects.of(k))
                 local = np.maximum(local, own)
-                finer = finer_mesh(mesh, local, error / RESOLVED, np.inf) if error > COARSE else None
+                most = elements_for(frame, error)
+                finer = finer_mesh(mesh, local, error / RESOLVED, np.inf, most) if most else None
                 if finer is not None:
                     self._meshes += 1
                     self._go_on_from(max(0, len(self._errors) - 1), finer)

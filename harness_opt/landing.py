@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,8 @@ QUICK = 8_000  # the same for a descent that another one can stand in for
 STANDSTILL = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
 WARM_SHIFT = 1e-3  # first shift of a descent that goes on from rest
 COILED, TWISTED = 100.0, 6.0  # rad in its length, of the waves M / k that it may bend in, and that it hardly does in
-STIFFEN = 4.0  # factor by which a march makes it stiffer in torsion
+STIFFEN = 4.0  # factor by which a march makes it stiffer in torsion; one that jumps too far coils it up
+LEAST_STIFFEN = 1.15
 TIGHTEN = 2.0  # factor by which a march makes a cable tauter
 LEAST_TIGHTEN = 1.1
 FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
@@ -200,22 +202,27 @@ def softened(case: Case, s: Array, q: Array, coiled: float) -> Case:
     return dataclasses.replace(case, section=dataclasses.replace(case.section, stiffness=soft))
 
 
-def stiffen(case: Case, resting: Resting, work: int = WORK) -> Resting | None:
+def stiffen(case: Case, resting: Resting, work: int = WORK, *, patiently: bool = False) -> Resting | None:
     """Take a :func:`softened` cable at rest to the stiffness of ``case``, from minimum to minimum; None if in vain.
 
     Args:
         case, resting: as above.
         work: elements times steps that each minimum may take.
+        patiently: in shorter steps where the first fails, else it fails.
     """
-    stiffness = resting.chain.section.stiffness
-    while stiffness[2] < case.section.stiffness[2]:
-        stiffness = np.minimum(stiffness * (1.0, 1.0, STIFFEN), case.section.stiffness)
+    wanted, factor = float(case.section.stiffness[2]), STIFFEN
+    while (reached := float(resting.chain.section.stiffness[2])) < wanted:
+        stiffness = np.array([*case.section.stiffness[:2], min(factor * reached, wanted)])
         section = dataclasses.replace(case.section, stiffness=stiffness)
         chain = Chain(section, case.load, resting.chain.boundary, resting.chain.mesh, exact=resting.chain.exact)
-        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, LONG_STEP, work)
-        if found is None:
+        tried = min(work, QUICK) if patiently and factor >= LEAST_STIFFEN**2 else work
+        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, LONG_STEP, tried)
+        if found is not None:
+            resting = found
+            continue
+        factor = math.sqrt(factor)
+        if not patiently or factor < LEAST_STIFFEN:
             return None
-        resting = found
     return resting
 
 

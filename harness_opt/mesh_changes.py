@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from .continuation import (
-    COARSE,
     ELEMENTS,
     NEAR,
+    ROUGH,
     STAGES,
     Solved,
     error_estimate,
@@ -26,7 +26,7 @@ from .continuation import (
 from .followed_frames import Frames, Stretches
 from .rotations import Array
 
-RESOLVED = 1e-4  # estimated error, in L, that a mesh is made for on the way
+RESOLVED = 1e-6  # estimated error, in L, that a mesh is made for on the way
 ROOM = 1.15  # times the elements that the order of the method asks for
 SURE = 1e-7  # estimated error, in L, of a shape that is in doubt on a coarse mesh
 
@@ -67,7 +67,7 @@ def on_one_mesh(frames: Stretches, solver: str) -> Frames:
     found = Frames(most_held=frames.most_held)
     for frame in frames:
         again = moved_to(frame, mesh, solver) or moved_to(refine(frame, SURE, solver)[0], mesh, solver)
-        if again is None or not error_estimate(again)[0] < COARSE:
+        if again is None or not error_estimate(again)[0] < ROUGH:
             break
         found.append(again)
     return found

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from . import rod as rod_module
 from .boundary import Case, Kind, case
 from .cold_start import cold_start
-from .continuation import SOLVERS, Solved, refine, resample, solve_on
+from .continuation import LAST_RESORT, SOLVERS, Solved, refine, resample, solve_on
 from .errors import ProblemError, SolveError, Status
 from .problem import Cable, End
 from .quadrature_pose import START_SOLVER, Quadrature, solve_by_quadrature
@@ -227,7 +227,7 @@ def refined_shape(
     cable: Cable, ends: tuple[End, End], solved: Solved, tolerance: float, solver: str, stations: int
 ) -> Shape:
     """Refine the mesh of a solved case to ``tolerance`` and return the shape between ``ends``, start and end."""
-    solved, error, status = refine(solved, tolerance, solver)
+    solved, error, status = refine(solved, tolerance, solver, LAST_RESORT[-1])
     ended = Ended(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
     return _shape(cable, *ends, solved.case.boundary.kind, ended, stations)
 

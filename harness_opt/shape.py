@@ -24,7 +24,7 @@ SERIES_ORDER = 12  # the truncation at half an element is then far below the col
 STRETCHES = 3  # series along an element, for what it misses: of two, their own truncation shows on coarse meshes
 # decay lengths of a tension, with rad of a twisting moment's waves, that an element may have: beyond, what rounding
 # leaves at a node swamps its series
-SPAN = 20.0
+SPAN = 15.0
 FOLLOWED = 6.0  # decay lengths up to which an element grows what it misses at its start as the exact solution does
 ENERGY_POINTS = 6  # Gauss points an element for energies
 

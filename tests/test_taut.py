@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import rotations
+from harness_opt import rod, rotations
+from harness_opt.boundary import case
+from harness_opt.cold_start import cold_start
+from harness_opt.continuation import polished, solve_on
 from harness_opt.long_elements import TERMS, LongElements
 
 CABLE = ho.Cable(1.0, 0.01, 1.0, 1.0)  # kx = ky = kz = 1 N m2
@@ -133,3 +136,27 @@ def test_tangents_of_long_elements_have_their_moment_about_the_middle():
     exact = np.diff(moment(s)) - middle * np.diff(along(lambda s: np.exp(1j * np.sin(5.0 * s)), s))
     assert np.max(np.abs(arm[:, 0] - exact.imag)) < 1e-8 * np.max(np.abs(exact))
     assert np.max(np.abs(arm[:, 2] - exact.real)) < 1e-8 * np.max(np.abs(exact))
+
+
+def test_fields_about_a_moment_along_an_axis_turn_as_eulers_top_does():
+    stiffness, step = np.array([5.0, 0.3, 2.0]), 1e-6
+    for axis in range(3):
+        moment = 7.0 * np.eye(3)[axis]
+
+        def rate(m):
+            return np.cross(m, m / stiffness)
+
+        columns = [(rate(moment + step * e) - rate(moment - step * e)) / (2.0 * step) for e in np.eye(3)]
+        fastest = np.max(np.abs(np.linalg.eigvals(np.stack(columns, axis=1))))
+        found = rod.twisted_waves(np.array(rotations.IDENTITY), moment, stiffness)
+        assert found == pytest.approx(fastest, rel=1e-6)
+
+
+def test_a_loose_solve_is_polished_until_rounding_is_left():
+    posed = case(CABLE, ho.End((0, 0, 0), (1, 0, 0, 0)), ho.End((0.3, 0.2, 0.6), (0.8, 0.6, 0, 0)), np.zeros(3))
+    good = cold_start(posed, 0, None, "gauss-newton")
+    loose = solve_on(good.case, good.bound.mesh, good.solution.x + 1e-4, "gauss-newton", residual=1e-4)
+    assert loose.ok and loose.solution.residual > 1e-12
+    fine = polished(loose)
+    assert fine.solution.residual < 1e-13
+    assert fine.solution.residual == np.max(np.abs(fine.bound.residual(fine.solution.x)))
