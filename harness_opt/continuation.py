@@ -345,8 +345,10 @@ def refine(solved: Solved, tolerance: float, solver: str, most: int = ELEMENTS[-
     Returns:
         The best solve, its estimated error, and OK, INACCURATE or the solver's own failure.
     """
-    solved = polished(solved)
     error, local = error_estimate(solved)
+    if error > tolerance or np.any(solved.rod.long):  # what is good enough stays, with all that is known of it
+        solved = polished(solved)
+        error, local = error_estimate(solved)
     best, before = (solved, error), np.inf
     while error > tolerance:
         mesh = finer_mesh(solved.rod.mesh, local, error / tolerance, before, most)

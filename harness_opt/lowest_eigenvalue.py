@@ -11,8 +11,6 @@ method on the inverse. Parlett, "The Symmetric Eigenvalue Problem", sections 3.3
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -35,10 +33,9 @@ class Pencil:
 
     Args:
         variation: of one shape, symmetric.
-        unit: what counts as zero.
     """
 
-    def __init__(self, variation: SecondVariation, unit: float):
+    def __init__(self, variation: SecondVariation):
         kind, closed = variation.kind, variation.closed
         self._pattern = pattern(len(variation.masses), kind.start_orientation, kind.end_orientation, closed)
         self._border = 3 if closed else 0
@@ -52,7 +49,6 @@ class Pencil:
             self._q = self._summed(stiffness, border, border, corner)
             self._m = self._summed(mass, np.zeros(2 * len(border) + 3))
         self._linear = symmetric(self._pattern.sparsity)
-        self._unit = unit
 
     def _summed(self, *entries: Array) -> Array:
         """Return the nonzeros of a bordered matrix with these entries and nothing on its diagonal."""
@@ -69,18 +65,13 @@ class Pencil:
         """Return how many eigenvalues are below ``at``."""
         return self._linear.negative(self._q - at * self._m) - self._border
 
-    @functools.cached_property
-    def index(self) -> int:
-        """Number of eigenvalues below zero."""
-        return 0 if self._positive else self.below(-self._unit)
+    def lowest(self, unit: float) -> tuple[float, Array, int]:
+        """Return the lowest eigenvalue, its field (D,), and how many eigenvalues are below zero.
 
-    @functools.cached_property
-    def _positive(self) -> bool:
-        return not self.below(-NEARER * self._unit)
-
-    def lowest(self) -> tuple[float, Array]:
-        """Return the lowest eigenvalue and its field (D,)."""
-        low = self._bound()
+        Args:
+            unit: what counts as zero.
+        """
+        low, index = self._bound(unit)
         matrix, (places, rows, starts) = self._q - low * self._m, self._pattern.inner
         mass, held = sp.csc_array((self._m[places], rows, starts)), np.zeros(self._border)
 
@@ -106,20 +97,21 @@ class Pencil:
                 continue
             values, vectors = np.linalg.eigh(projected[: k + 1, : k + 1])
             before, value = value, low + 1.0 / float(values[-1])
-            if abs(value - before) <= SETTLED * (abs(value) + self._unit):
+            if abs(value - before) <= SETTLED * (abs(value) + unit):
                 break
-        return value, vectors[:, -1] @ basis[: k + 1]
+        return value, vectors[:, -1] @ basis[: k + 1], index
 
-    def _bound(self) -> float:
-        """Return a number below the lowest eigenvalue, and close to one below zero in its own size."""
-        if self._positive:
-            return -NEARER * self._unit
-        if not self.index:
-            return -self._unit
-        low, high = -WIDER * self._unit, -self._unit
-        while self.below(low) and low > -EXTREME * self._unit:
+    def _bound(self, unit: float) -> tuple[float, int]:
+        """Return a number below the lowest eigenvalue, and close to one below zero in its own size; and their count."""
+        if not self.below(-NEARER * unit):
+            return -NEARER * unit, 0
+        index = self.below(-unit)
+        if not index:
+            return -unit, 0
+        low, high = -WIDER * unit, -unit
+        while self.below(low) and low > -EXTREME * unit:
             low, high = WIDER * low, low
         while high - low > CLOSE * abs(low):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if self.below(middle) else (middle, high)
-        return low
+        return low, index

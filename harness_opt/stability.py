@@ -162,8 +162,8 @@ def _judged(rod: Rod, mesh: Array, kind: Kind) -> Stability:
 def _by_counting(variation: SecondVariation, units: Array) -> Stability:
     """Return the stability of one or many shapes, each by itself; ``units`` (...) is what counts as zero of each."""
     if not units.ndim:
-        pencil = Pencil(variation, float(units))
-        return Stability(np.asarray(pencil.lowest()[0]), np.asarray(pencil.index))
+        margin, _, index = Pencil(variation).lowest(float(units))
+        return Stability(np.asarray(margin), np.asarray(index))
     found = [_by_counting(variation[k], units[k]) for k in range(len(units))]
     return Stability(np.array([one.margin for one in found]), np.array([one.index for one in found]))
 
@@ -203,8 +203,7 @@ def _surely_stable(rod: Rod, mesh: Array, kind: Kind, least: Array) -> bool:
     variation = second_variation(rod, mesh, kind).symmetric
     if variation.size > LARGE:
         shapes = [variation] if not least.ndim else [variation[k] for k in range(len(least))]
-        values = least.ravel().tolist()
-        return not any(Pencil(one, abs(value)).below(value) for one, value in zip(shapes, values, strict=True))
+        return not any(Pencil(one).below(value) for one, value in zip(shapes, least.ravel().tolist(), strict=True))
     matrix, moves, mass = variation.dense()
     matrix = matrix - least[..., None, None] * mass
     if variation.closed:
@@ -224,7 +223,7 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     mesh = _resolving(rod)
     variation = second_variation(rod, mesh, kind)
     if variation.conservative:
-        found = Pencil(variation, NEUTRAL * float(_scale(rod))).lowest()[1]
+        found = Pencil(variation).lowest(NEUTRAL * float(_scale(rod)))[1]
     else:
         matrix, basis = _reduced(variation)
         values, vectors = np.linalg.eig(matrix)
