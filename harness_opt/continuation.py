@@ -159,7 +159,8 @@ def solve_on(
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
     solution = SOLVERS[solver](problem, x, options)
-    flat = solution.factor is None or solution.factor.plain > CONDITION_LIMIT
+    factor = solution.factor
+    flat = factor is None or (not factor.singular and factor.condition > CONDITION_LIMIT)
     sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
     loose = solution.residual > (sharp.tolerance if flat else tolerance)
     if solver == SAFEGUARDED and loose and solution.residual <= FLOOR * math.sqrt(scale):

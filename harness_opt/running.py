@@ -136,10 +136,8 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
         folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
     try:
         return write_results(result, folder, measured=measured, command=command), folder
-    except ProblemError:
-        _show(
-            wanted, summary(result, measured, command=command), None, voice
-        )  # what was found is not lost with the disk
+    except ProblemError:  # what was found is not lost with the disk
+        _show(wanted, summary(result, measured, command=command), None, voice)
         raise
 
 

@@ -106,8 +106,8 @@ def _floor(
         if size <= tolerance:
             return (there, slope), iteration
         if iteration == CORRECTIONS or size > DIVERGED * before or not np.all(np.isfinite(jacobian.data)):
-            return None, iteration
+            break
         before = size
         change = spla.splu(bordered_matrix(jacobian, left, right), permc_spec="NATURAL").solve(-missed)
         there, slope = there + change[:-1], slope + float(change[-1])
-    return None, CORRECTIONS
+    return None, iteration
