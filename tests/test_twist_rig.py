@@ -113,7 +113,7 @@ def test_half_a_turn_becomes_a_loop():
 def test_loops_that_slide_along_the_taut_cable_stay_sound():
     # turned by 320 degrees at 0.98 L: the twist goes into small loops that slide along valleys all but level, each
     # shape on a mesh of its own; three turnings apart it is in other places
-    turned = script("twist_rig").rig("0.1345", 320)
+    turned = script("twist_rig_runs").rig("0.1345", 320)
     motion = ho.simulate(turned.problem, frames=turned.frames[: int(np.argmax(turned.angle)) + 1])
     shapes = motion.cables["cable"]
     assert motion.ok and shapes.stable.all() and np.max(shapes.estimated_error) < 1e-6
