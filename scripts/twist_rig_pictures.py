@@ -158,7 +158,7 @@ def _words(found: Run, column: int) -> str:
     before = _frame(found, SHOWN[column - 1]) if column else None
     snaps = [s.frame for s in found.motion.snaps if before is not None and before < s.frame <= frame]
     if found.slipped is not None and found.slipped <= frame:
-        return f"{words}\npulled through itself at {found.place(found.slipped)}"
+        return f"{words}\nthrough itself at {found.place(found.slipped)}"
     if found.touches is not None and found.touches <= frame:
         return f"{words}\ntouches itself from {found.place(found.touches)}"
     return f"{words}\nsnapped at {', '.join(map(found.place, snaps))}" if snaps else words
