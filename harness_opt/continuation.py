@@ -60,6 +60,7 @@ SMALLEST_STEP = 2.0**-12  # of a path step
 # given up, as more leads to shapes that the cable does not have. Along flat valleys no mesh may do for the first.
 COARSE, ROUGH = 1e-5, 1e-3
 ENOUGH = 128  # elements up to which it is refined for the first
+BLAMELESS = 1e-9  # largest local error, in L, of a mesh that is not to blame for an estimated error: a flat valley is
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
 WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
 POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
@@ -322,17 +323,18 @@ def finer_mesh(mesh: Array, local: Array, excess: float, before: float, most: in
     return refined_mesh(mesh, local, finer)
 
 
-def elements_for(solved: Solved, error: float | None = None) -> int:
-    """Return up to how many elements a shape on a path is to be refined; 0 where it is accurate enough for one.
+def elements_for(elements: int, error: float, local: Array) -> int:
+    """Return up to how many elements a shape on a path is to be refined; 0 where its mesh is good enough for one.
 
     Args:
-        solved: the shape.
-        error: estimated, in L; None has it estimated.
+        elements: that it has.
+        error, local: what :func:`error_estimate` returns.
     """
-    error = error_estimate(solved)[0] if error is None else error
+    if error <= COARSE or np.max(local) <= BLAMELESS:
+        return 0
     if error > ROUGH:
         return ELEMENTS[-1]
-    return ENOUGH if error > COARSE and len(solved.bound.mesh) <= ENOUGH else 0
+    return ENOUGH if elements < ENOUGH else 0
 
 
 def refine(solved: Solved, tolerance: float, solver: str, most: int = ELEMENTS[-1]) -> tuple[Solved, float, Status]:
@@ -446,7 +448,7 @@ def follow(
             continue
         previous = target - at
         here, before, at = solved, here, target
-        most = elements_for(here)
+        most = elements_for(len(here.bound.mesh) - 1, *error_estimate(here))
         if most:
             here, error, _ = refine(here, 0.1 * COARSE, solver, most)
             before = None

@@ -264,7 +264,7 @@ class Follower:
             for k, frame in enumerate(frames):
                 error, own = error_from_defects(frame, defects.of(k))
                 local = np.maximum(local, own)
-                most = elements_for(frame, error)
+                most = elements_for(len(mesh) - 1, error, own)
                 finer = finer_mesh(mesh, local, error / RESOLVED, np.inf, most) if most else None
                 if finer is not None:
                     self._meshes += 1

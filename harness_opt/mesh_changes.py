@@ -13,9 +13,9 @@ import numpy as np
 from .continuation import (
     ELEMENTS,
     NEAR,
-    ROUGH,
     STAGES,
     Solved,
+    elements_for,
     error_estimate,
     refine,
     refined_mesh,
@@ -67,7 +67,7 @@ def on_one_mesh(frames: Stretches, solver: str) -> Frames:
     found = Frames(most_held=frames.most_held)
     for frame in frames:
         again = moved_to(frame, mesh, solver) or moved_to(refine(frame, SURE, solver)[0], mesh, solver)
-        if again is None or not error_estimate(again)[0] < ROUGH:
+        if again is None or elements_for(len(mesh) - 1, *error_estimate(again)) == ELEMENTS[-1]:
             break
         found.append(again)
     return found
