@@ -28,14 +28,19 @@ from .rotations import Array
 
 RESOLVED = 1e-6  # estimated error, in L, that a mesh is made for on the way
 ROOM = 1.15  # times the elements that the order of the method asks for
+SAME_ENERGY = 1e-5  # relative difference up to which a shape that has moved has slid along a valley
 SURE = 1e-7  # estimated error, in L, of a shape that is in doubt on a coarse mesh
 
 
 def moved_to(solved: Solved, mesh: Array, solver: str) -> Solved | None:
-    """Return the same shape on another mesh; None where it does not stay what it is."""
+    """Return the same shape on another mesh, or where it comes to rest in the same flat valley; None in vain."""
     again = solve_on(solved.case, mesh, resample(solved.rod, mesh), solver)
-    if not again.ok or again.turned or turning(again.rod.q, solved.rod.sample(mesh).q) > NEAR:
+    if not again.ok or again.turned:
         return None
+    if turning(again.rod.q, solved.rod.sample(mesh).q) > NEAR:
+        level = float(solved.rod.energy())
+        if not abs(float(again.rod.energy()) - level) <= SAME_ENERGY * (1.0 + abs(level)):
+            return None
     return again
 
 
