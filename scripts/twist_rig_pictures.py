@@ -18,7 +18,7 @@ SHOWN = (0.98, 0.8, 0.6, 0.4, 0.2)  # distances of the ends
 PIXELS = 3_200  # a metre, in the large pictures
 ELEVATION = 25.0  # degrees, of the eye, above the plane across the one in which the cable would sag
 ROOM = 0.012  # m, around a shape
-HEADER, FOOTER, NARROW = 0.05, 0.022, 0.092  # m: lines of the title, words in a cell, and the room they take
+HEADER, FOOTER, NARROW = 0.05, 0.022, 0.1  # m: lines of the title, words in a cell, and the room they take
 LETTER = 0.0082  # m, of the names of the rows
 LIGHT, DARK = "#f5c542", "#1f5fa8"  # the two halves of the cable's surface
 FIXED, CHUCK = "#6a737d", "#b07a2a"
@@ -160,7 +160,7 @@ def _words(found: Run, column: int) -> str:
     if found.slipped is not None and found.slipped <= frame:
         return f"{words}\nthrough itself at {found.place(found.slipped)}"
     if found.touches is not None and found.touches <= frame:
-        return f"{words}\ntouches itself from {found.place(found.touches)}"
+        return f"{words}\ntouches from {found.place(found.touches)}"
     return f"{words}\nsnapped at {', '.join(map(found.place, snaps))}" if snaps else words
 
 
