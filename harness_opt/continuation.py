@@ -59,6 +59,7 @@ SMALLEST_STEP = 2.0**-12  # of a path step
 # Estimated errors, in L: at which a path is refined on the way, as near folds more leads past them; and at which it is
 # given up, as more leads to shapes that the cable does not have. Along flat valleys no mesh may do for the first.
 COARSE, ROUGH = 1e-5, 1e-3
+RESOLVED = 1e-6  # estimated error, in L, that it is refined to then
 ENOUGH = 128  # elements up to which it is refined for the first
 BLAMELESS = 1e-9  # largest local error, in L, of a mesh that is not to blame for an estimated error: a flat valley is
 MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
@@ -450,7 +451,7 @@ def follow(
         here, before, at = solved, here, target
         most = elements_for(len(here.bound.mesh) - 1, *error_estimate(here))
         if most:
-            here, error, _ = refine(here, 0.1 * COARSE, solver, most)
+            here, error, _ = refine(here, RESOLVED, solver, most)
             before = None
             if not error <= ROUGH:
                 break

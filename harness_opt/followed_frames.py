@@ -27,7 +27,27 @@ OBJECTS = 8_000  # bytes of a frame beside its numbers
 LAST = 20  # frames that are kept whatever they take: whoever follows a cable goes back by no more
 
 
-class Frames(Sequence[Solved]):
+class _Numbered(Sequence[Solved]):
+    """Frames by number, from the first on or, below zero, from behind; or some of them."""
+
+    @overload
+    def __getitem__(self, which: int) -> Solved: ...
+    @overload
+    def __getitem__(self, which: slice) -> list[Solved]: ...
+    def __getitem__(self, which: int | slice) -> Solved | list[Solved]:
+        if isinstance(which, slice):
+            return [self[k] for k in range(*which.indices(len(self)))]
+        k = which + len(self) if which < 0 else which
+        if not 0 <= k < len(self):
+            raise IndexError(which)
+        return self._at(k)
+
+    def _at(self, k: int) -> Solved:
+        """Return frame ``k``, 0 to less than all."""
+        raise NotImplementedError
+
+
+class Frames(_Numbered):
     """Solved frames of one cable, all on one mesh.
 
     Args:
@@ -48,16 +68,7 @@ class Frames(Sequence[Solved]):
     def __len__(self) -> int:
         return len(self._stowed) + len(self._held)
 
-    @overload
-    def __getitem__(self, which: int) -> Solved: ...
-    @overload
-    def __getitem__(self, which: slice) -> list[Solved]: ...
-    def __getitem__(self, which: int | slice) -> Solved | list[Solved]:
-        if isinstance(which, slice):
-            return [self[k] for k in range(*which.indices(len(self)))]
-        k = which + len(self) if which < 0 else which
-        if not 0 <= k < len(self):
-            raise IndexError(which)
+    def _at(self, k: int) -> Solved:
         if k >= len(self._stowed) or self._unknowns is None:
             return self._held[k - len(self._stowed)]
         stub = self._stowed[k]
@@ -144,7 +155,7 @@ class Frames(Sequence[Solved]):
                 self._bytes += _bytes_of(factor)
 
 
-class Stretches(Sequence[Solved]):
+class Stretches(_Numbered):
     """Solved frames of one cable, in stretches that have a mesh each; what is behind the last one is kept bare.
 
     Args:
@@ -158,21 +169,12 @@ class Stretches(Sequence[Solved]):
     def __len__(self) -> int:
         return sum(len(part) for part in self.parts)
 
-    @overload
-    def __getitem__(self, which: int) -> Solved: ...
-    @overload
-    def __getitem__(self, which: slice) -> list[Solved]: ...
-    def __getitem__(self, which: int | slice) -> Solved | list[Solved]:
-        if isinstance(which, slice):
-            return [self[k] for k in range(*which.indices(len(self)))]
-        k = which + len(self) if which < 0 else which
-        if k < 0:
-            raise IndexError(which)
+    def _at(self, k: int) -> Solved:
         for part in self.parts:
             if k < len(part):
                 return part[k]
             k -= len(part)
-        raise IndexError(which)
+        raise IndexError(k)
 
     def append(self, frame: Solved) -> None:
         """Add a frame; one on another mesh than the last one's begins a stretch."""

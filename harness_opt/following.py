@@ -15,6 +15,7 @@ from .boundary import Case, case
 from .cold_start import cold_start, is_stable, let_go
 from .continuation import (
     ELEMENTS,
+    RESOLVED,
     Solved,
     elements_for,
     error_estimate,
@@ -30,7 +31,7 @@ from .continuation import (
 )
 from .errors import Status
 from .followed_frames import MOST_HELD, Stretches, batch, by_mesh
-from .mesh_changes import RESOLVED, lightened, moved_to
+from .mesh_changes import lightened, moved_to
 from .problem import End, Problem
 from .rotations import Array
 from .shape import Rod

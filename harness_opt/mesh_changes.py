@@ -13,6 +13,7 @@ import numpy as np
 from .continuation import (
     ELEMENTS,
     NEAR,
+    RESOLVED,
     STAGES,
     Solved,
     elements_for,
@@ -26,7 +27,6 @@ from .continuation import (
 from .followed_frames import Frames, Stretches
 from .rotations import Array
 
-RESOLVED = 1e-6  # estimated error, in L, that a mesh is made for on the way
 ROOM = 1.15  # times the elements that the order of the method asks for
 SAME_ENERGY = 1e-5  # relative difference up to which a shape that has moved has slid along a valley
 SURE = 1e-7  # estimated error, in L, of a shape that is in doubt on a coarse mesh
