@@ -17,7 +17,9 @@ from __future__ import annotations
 import argparse
 import csv
 import dataclasses
+import math
 import multiprocessing
+import signal
 import time
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
@@ -33,8 +35,13 @@ from harness_opt.boundary import Kind
 from harness_opt.errors import Status
 from harness_opt.stability import stability
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
 Array = np.ndarray
-LIMIT = 60.0  # s, of one case; what takes longer is killed and stays as the row "timeout"
+LIMIT = 60.0  # s of the processor, of one case; what takes longer is killed and stays as the row "timeout"
 TRANSCRIPTIONS = ("collocation", "dqm")
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt")
 METHODS = tuple((transcription, solver) for transcription in TRANSCRIPTIONS for solver in SOLVERS)
@@ -128,8 +135,8 @@ def _error(case: Case, shape: ho.Shape) -> float:
 Job = tuple[Case, str, str]
 
 
-def _serve(pipe: Connection, compare: bool) -> None:
-    """Solve what comes through ``pipe`` until it closes."""
+def _serve(pipe: Connection, limit: float, compare: bool) -> None:
+    """Solve what comes through ``pipe`` until it closes; the system ends what takes longer than ``limit``."""
     solve(BASE, *METHODS[0])  # functions are built before anything is timed
     pipe.send(None)
     while True:
@@ -137,16 +144,19 @@ def _serve(pipe: Connection, compare: bool) -> None:
             job = pipe.recv()
         except EOFError:
             return
+        if resource is not None:
+            most = math.ceil(time.process_time() + limit)
+            resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))
         pipe.send(solve(*job, compare=compare))
 
 
 class _Worker:
     """A process that solves one job at a time, and can be killed: IPOPT can't be interrupted from within."""
 
-    def __init__(self, compare: bool) -> None:
+    def __init__(self, limit: float, compare: bool) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, there = context.Pipe()
-        self.process = context.Process(target=_serve, args=(there, compare), daemon=True)
+        self.process = context.Process(target=_serve, args=(there, limit, compare), daemon=True)
         self.process.start()
         there.close()
         self.job: Job | None = None
@@ -157,7 +167,15 @@ class _Worker:
         self.job, self.since = job, time.perf_counter()
         self.pipe.send(job)
 
-    def kill(self) -> None:
+    def lost(self) -> Row:
+        """Return the row of the job that the process died of."""
+        self.process.join()
+        if self.job is None:
+            raise RuntimeError("a process of this study ended before it could solve anything")
+        out_of_time = resource is not None and self.process.exitcode == -signal.SIGXCPU
+        return Row(*self.job, TIMEOUT if out_of_time else CRASHED, time.perf_counter() - self.since)
+
+    def end(self) -> None:
         """End the process, whatever it does."""
         self.process.kill()
         self.process.join()
@@ -165,27 +183,24 @@ class _Worker:
 
 
 def run(jobs: Iterable[Job], processes: int, limit: float = LIMIT, *, compare: bool = True) -> Iterator[Row]:
-    """Solve ``jobs`` in ``processes`` and yield their rows as they come; one that takes longer than ``limit`` s is
-    killed. ``compare`` is as in :func:`solve`.
+    """Solve ``jobs`` in ``processes`` and yield their rows as they come; one that takes the processor longer than
+    ``limit`` s is killed (not on Windows). ``compare`` is as in :func:`solve`.
     """
-    queue, workers = deque(jobs), [_Worker(compare) for _ in range(processes)]
+    queue, workers = deque(jobs), [_Worker(limit, compare) for _ in range(processes)]
     try:
         while queue or any(worker.job for worker in workers):
-            ready = wait([worker.pipe for worker in workers], timeout=0.5)
+            ready = wait([worker.pipe for worker in workers if worker.job or not worker.ready])
             for k, worker in enumerate(workers):
-                if worker.pipe in ready:
-                    try:
-                        row = worker.pipe.recv()
-                    except EOFError:  # the process died
-                        row = _lost(worker, CRASHED)
-                        workers[k] = _Worker(compare)
-                    else:
-                        worker.ready, worker.job = True, None
-                elif worker.job and time.perf_counter() - worker.since > limit:
-                    row = _lost(worker, TIMEOUT)
-                    workers[k] = _Worker(compare)
-                else:
+                if worker.pipe not in ready:
                     continue
+                try:
+                    row = worker.pipe.recv()
+                except EOFError:  # the process died
+                    row = worker.lost()
+                    worker.end()
+                    workers[k] = _Worker(limit, compare)
+                else:
+                    worker.ready, worker.job = True, None
                 if row is not None:
                     yield row
             for worker in workers:
@@ -193,14 +208,7 @@ def run(jobs: Iterable[Job], processes: int, limit: float = LIMIT, *, compare: b
                     worker.take(queue.popleft())
     finally:
         for worker in workers:
-            worker.kill()
-
-
-def _lost(worker: _Worker, status: str) -> Row:
-    worker.kill()
-    if worker.job is None:
-        raise RuntimeError("a process of this study ended before it could solve anything")
-    return Row(*worker.job, status, time.perf_counter() - worker.since)
+            worker.end()
 
 
 # --- tables and pictures --------------------------------------------------------------------------------
@@ -307,7 +315,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--case", type=int, metavar="K", help="only random case K, in words")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     parser.add_argument(
-        "--limit", type=float, metavar="S", help=f"most time for one case, s (default {LIMIT:g}, or 10)"
+        "--limit", type=float, metavar="S", help=f"most processor time for one case, s (default {LIMIT:g}, or 10)"
     )
     return parser.parse_args()
 
