@@ -12,19 +12,19 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from . import rotations
-from .boundary import Boundary, Case
+from .boundary import Case
 from .continuation import STAGES, Solved, error_estimate, refine, solve_on
-from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, solve_resting, stiffen, tighten
+from .curled import curled
+from .first_guess import EASY, curve, loose, signed
+from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, stiffen, tighten
 from .rotations import Array
+from .settling import solve_resting
 from .shape import Rod
 from .stability import doubtful, lowest_mode, stability
-from .starting_curve import starting_curve
 from .transcriptions.collocation import pack, stations
 
 NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
-CURVE = 241  # places at which a starting curve is looked at
 PLACES = 8  # an element, at which a lost shape is looked at
-EASY = 0.1  # slack, in L, with which a taut cable is begun
 SAME = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
 JUDGED = 1e-8  # estimated error, in L, of a shape whose stability is hard to tell
 STRAIGHT = 1e-8  # slack below which a cable is taken for straight
@@ -106,15 +106,18 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterat
     boundary, kind = case.boundary, case.boundary.kind
     slack = 1.0 - float(np.linalg.norm(boundary.gap))
     taut = kind.start_position and kind.end_position and slack < EASY
-    begun, s, q = _curve(case, boundary, turns, bow)
+    begun, s, q = curve(case, boundary, turns, bow)
     if taut and slack <= STRAIGHT:
         yield from _some(_straight(begun, s, q, solver))
         return
     work = QUICK if taut else WORK
-    resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=work)
+    soft = softened(begun, s, q, COILED)
+    resting = sink(soft, s, q, np.zeros(3), gently=False, work=work)
     if resting is not None:
         resting = stiffen(begun, resting, work, patiently=not taut)
     yield from _some(_solved(begun, resting, solver))
+    if soft is not begun:
+        yield from _some(_solved(case, curled(case, turns, bow), solver))
     if taut:
         for coiled in (TWISTED, COILED):
             yield from _some(_tightened(case, turns, bow, coiled, solver))
@@ -125,14 +128,6 @@ def _some(found: Solved | None) -> Iterator[Solved]:
         yield found
 
 
-def _loose(boundary: Boundary) -> Boundary:
-    """Return ``boundary`` with a gap that leaves EASY for a slack, where it leaves less."""
-    kind, distance = boundary.kind, float(np.linalg.norm(boundary.gap))
-    if not (kind.start_position and kind.end_position and 1.0 - distance < EASY):
-        return boundary
-    return dataclasses.replace(boundary, gap=(1.0 - EASY) / distance * boundary.gap)
-
-
 def _tightened(case: Case, turns: int, bow: Array | None, coiled: float, solver: str) -> Solved | None:
     """Find a shape from a curve between nearer ends; stiffened before it is tightened where it may have loops.
 
@@ -140,8 +135,8 @@ def _tightened(case: Case, turns: int, bow: Array | None, coiled: float, solver:
         case, turns, bow, solver: as in :func:`cold_start`.
         coiled: as in :func:`softened`.
     """
-    begun, s, q = _curve(case, _loose(case.boundary), turns, bow)
-    case = dataclasses.replace(case, boundary=_signed(case.boundary, q))
+    begun, s, q = curve(case, loose(case.boundary), turns, bow)
+    case = dataclasses.replace(case, boundary=signed(case.boundary, q))
     soft = softened(begun, s, q, coiled)
     resting = sink(soft, s, q, np.zeros(3), gently=False)
     if resting is not None and coiled >= COILED:
@@ -155,20 +150,6 @@ def _tightened(case: Case, turns: int, bow: Array | None, coiled: float, solver:
 
 def _solved(case: Case, resting: Resting | None, solver: str) -> Solved | None:
     return None if resting is None else solve_resting(case, resting, solver)
-
-
-def _curve(case: Case, boundary: Boundary, turns: int, bow: Array | None) -> tuple[Case, Array, Array]:
-    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these."""
-    _, q = starting_curve(boundary, CURVE, turns, bow)
-    return dataclasses.replace(case, boundary=_signed(boundary, q)), np.linspace(0.0, 1.0, CURVE), q
-
-
-def _signed(boundary: Boundary, q: Array) -> Boundary:
-    """Return ``boundary`` with that of the end's two quaternions that stands for the turns of the curve (m, 4)."""
-    if not boundary.kind.end_orientation:
-        return boundary
-    sign = 1.0 if q[-1] @ boundary.end_quaternion >= 0 else -1.0
-    return dataclasses.replace(boundary, end_quaternion=sign * boundary.end_quaternion)
 
 
 def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
@@ -194,11 +175,11 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
     """
     unstable, tried = None, list[Array | None]()
 
-    def curve(wish: Array | None) -> Array:
-        return _curve(case, _loose(case.boundary), turns, wish)[2]
+    def frames(wish: Array | None) -> Array:
+        return curve(case, loose(case.boundary), turns, wish)[2]
 
     for wish in _bows(case, bow):
-        if any(np.allclose(curve(wish), curve(other), rtol=0.0, atol=SAME) for other in tried):
+        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=SAME) for other in tried):
             continue
         tried.append(wish)
         for found in from_curve(case, turns, wish, solver):

@@ -169,10 +169,13 @@ def solve_on(
         kind = case.boundary.kind
         held = kind.start_position and kind.end_position and kind.start_orientation and kind.end_orientation
         energy = (lambda x: _energy(case, bound, x)) if held else None
-        begun = solution.x if solution.status.ok else x  # where it did not converge, it may have strayed far
-        walked = valley.solve(problem, begun, sharp, energy, steps=valley.STEPS if near is None else valley.FEW)
-        if walked.residual <= min(tolerance, solution.residual):
-            solution = dataclasses.replace(walked, status=Status.OK)
+        steps = valley.STEPS if near is None else valley.FEW
+        # where it did not converge, it may have strayed far, or be on the floor already
+        for begun in (solution.x,) if solution.status.ok else (x, solution.x):
+            walked = valley.solve(problem, begun, sharp, energy, steps=steps)
+            if walked.residual <= min(tolerance, solution.residual):
+                solution = dataclasses.replace(walked, status=Status.OK)
+                break
     return Solved(case, bound, solution)
 
 

@@ -10,21 +10,23 @@ import numpy as np
 
 from . import rotations
 from .boundary import Boundary, Case
-from .continuation import ELEMENTS, STAGES, Solved, error_estimate, follow, solve_on, turning
+from .continuation import ELEMENTS
 from .rotations import Array
+from .sliding import has_curls, slid
 from .solvers.descent import FIRST_SHIFT, Ended, descend
 from .transcriptions.chain import Chain
-from .transcriptions.collocation import pack, stations
 
 TURNING, BENDING = 1.2, 0.8  # rad an element; root of the rad by which its curvature changes the turning
-BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent
-LAYER, DECAYED = 1.0, 18.0  # decay lengths: of an element at the foot of a layer, and after which 1e-8 of it is left
 LOOSE = 1.6  # how far a chain may miss that at rest
 SPREAD, GROWTH = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
 ROWS = 64  # of distances between places, looked at together: what a processor keeps at hand
 SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: of a cable that sinks gently, of one that only looks for rest
 WORK = 60_000  # elements times steps that a descent may take: some seconds
 QUICK = 8_000  # the same for a descent that another one can stand in for
+ROUND = 20  # steps of a descent, after which curls are slid on
+ROUNDS, SLIGHT = 8, 1e-11  # of them, that bring curls to the last digit; relative, of the energy: what is gained there
+DRIFTED = 2.0  # times its length, or the inverse: an element that has changed so much does not fit any more
+LITTLE = 1e-4  # relative, of the energy: a round that gains less hardly goes down
 STANDSTILL = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
 WARM_SHIFT = 1e-3  # first shift of a descent that goes on from rest
 COILED, TWISTED = 100.0, 6.0  # rad in its length, of the waves M / k that it may bend in, and that it hardly does in
@@ -32,10 +34,6 @@ STIFFEN = 4.0  # factor by which a march makes it stiffer in torsion; one that j
 LEAST_STIFFEN = 1.15
 TIGHTEN = 2.0  # factor by which a march makes a cable tauter
 LEAST_TIGHTEN = 1.1
-FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
-RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-SOLVE_ITERATIONS = 20  # the chain is right to a per mille: what needs more does not converge
-REFINEMENTS = (1, 2)  # collocation elements tried for one of the chain
 
 
 @dataclass(frozen=True)
@@ -67,11 +65,12 @@ def sink(case: Case, s: Array, q: Array, force: Array, *, gently: bool, work: in
     """
     spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
     middles = 0.5 * (s[1:] + s[:-1])
-    mesh = _fitted(middles, np.linalg.norm(spin, axis=1) / np.diff(s) / TURNING)
+    mesh = fitted(middles, np.linalg.norm(spin, axis=1) / np.diff(s) / TURNING)
     chain = Chain(case.section, case.load, case.boundary, mesh)
     nodes = chain.held(_between(s, q, chain.nodes))
     multipliers = force if chain.closed else chain.multipliers
-    return _rest(chain, nodes, multipliers, FIRST_SHIFT, SMALL_STEP if gently else LONG_STEP, work)
+    manner = _Manner(SMALL_STEP if gently else LONG_STEP, work, slides=not gently)
+    return _rest(chain, nodes, multipliers, FIRST_SHIFT, manner)
 
 
 def _between(s: Array, q: Array, wanted: Array) -> Array:
@@ -82,13 +81,13 @@ def _between(s: Array, q: Array, wanted: Array) -> Array:
     return rotations.multiply(q[i], rotations.from_rotation_vector(part[:, None] * turn))
 
 
-def _fitted(s: Array, density: Array) -> Array:
-    """Return a mesh, of a size on offer, as dense as ``density`` (m,), elements per length, asks for at ``s`` (m,).
+def fitted(s: Array, needed: Array) -> Array:
+    """Return a mesh, of a size on offer, as dense as ``needed`` (m,), elements per length, asks for at ``s`` (m,).
 
     Lengths change gradually, and what is dense stays dense for some elements on either side: curls slide.
     """
     fine = np.unique(np.concatenate([s, np.linspace(0.0, 1.0, 8 * ELEMENTS[0] + 1)]))
-    size = 1.0 / np.maximum(np.interp(fine, s, density), ELEMENTS[0])
+    size = 1.0 / np.maximum(np.interp(fine, s, needed), ELEMENTS[0])
     # size + GROWTH max(0, distance - SPREAD size), of whatever asks for least
     grown, begun = GROWTH * fine, (1.0 - GROWTH * SPREAD) * size
     spread = [
@@ -101,85 +100,101 @@ def _fitted(s: Array, density: Array) -> Array:
     return np.interp(np.linspace(0.0, run[-1], count + 1), run, fine)
 
 
-def _density(omega: Array, s: Array) -> Array:
+def density(omega: Array, s: Array) -> Array:
     """Return the elements per length (m,) that a shape with Darboux vectors (m, 3) at ``s`` (m,) needs."""
     change = np.linalg.norm(np.diff(omega, axis=0), axis=1) / np.diff(s)
     nearby = np.maximum(np.append(change, 0.0), np.append(0.0, change))
     return np.maximum(np.linalg.norm(omega, axis=1) / TURNING, np.sqrt(nearby) / BENDING)
 
 
-def _solving_mesh(resting: Resting) -> Array:
-    """Return a mesh for the collocation of a shape at rest: as dense as that needs, and as its layers do."""
-    chain = resting.chain
-    omega = chain.sample(resting.q, chain.points)[1]
-    places, layers = _layers(resting, np.abs(omega - chain.section.rest_curvature))
-    return _fitted(places, np.maximum(np.interp(places, chain.points, _density(omega, chain.points)), layers))
-
-
-def _layers(resting: Resting, bending: Array) -> tuple[Array, Array]:
-    """Return places (N,) and the elements per length (N,) that what decays from clamps and curls needs there.
-
-    Where a cable is taut, bending about axis i falls off with exp(-sqrt(F / k_i) s). The local errors of order
-    p = 2 STAGES + 1 are then equal on elements that grow with exp(sqrt(F / k_i) s / p), and what has DECAYED needs none
-    of its own.
+@dataclass(frozen=True)
+class _Manner:
+    """How a cable comes to rest.
 
     Args:
-        resting: the shape.
-        bending: its curvatures at the points of the chain, without sign, (m, 3).
+        longest: step, rad.
+        work: elements times steps that it may take.
+        slides: whether curls are moved along the cable on the way: see :mod:`.sliding`.
+        nearly: whether it is enough that it hardly goes down any more: at a station on the way to another cable.
     """
-    chain, grid, found = resting.chain, [resting.chain.points], []
 
-    def force(s: Array) -> Array:
-        return np.linalg.norm(chain.force(resting.multipliers) + (1.0 - s)[:, None] * chain.load, axis=1)
-
-    for axis in (0, 1):
-        bent = bending[:, axis] > BENT * np.sqrt(force(chain.points) / chain.section.stiffness[axis])
-        sources = np.concatenate([[0.0], chain.points[bent], [1.0]])
-        wave = np.sqrt(force(sources) / chain.section.stiffness[axis])
-        decay = np.arange(-DECAYED, DECAYED + 1.0) / np.maximum(wave, 1.0)[:, None]
-        grid.append((sources[:, None] + decay).ravel())
-        found.append((sources, wave))
-    s = np.unique(np.clip(np.concatenate(grid), 0.0, 1.0))
-    density = np.zeros(len(s))
-    for sources, wave in found:
-        nearest = np.clip(np.searchsorted(sources, s), 1, len(sources) - 1)
-        nearest -= s - sources[nearest - 1] < sources[nearest] - s
-        away = wave[nearest] * np.abs(s - sources[nearest])
-        needed = wave[nearest] / LAYER * np.exp(-away / (2 * STAGES + 1))
-        density = np.maximum(density, np.where(away < DECAYED, needed, 0.0))
-    return s, density
+    longest: float
+    work: int
+    slides: bool = True
+    nearly: bool = False
 
 
-def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, longest: float, work: int = WORK) -> Resting | None:
+def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, manner: _Manner) -> Resting | None:
     """Descend on ``chain``, and on others made to fit, until one that fits is at rest; None where that fails."""
-    room = _slack(chain.boundary) if chain.closed else 1.0
-    standstills = 0
-    while True:
+    room, work = _slack(chain.boundary) if chain.closed else 1.0, manner.work
+    standstills, grown, above = 0, np.ones(len(chain.mesh) - 1), np.inf
+    while work > 0:
         elements = len(chain.mesh) - 1
-        found = descend(
-            chain, q, multipliers, longest=longest, steps=max(1, work // elements), shift=shift, room=room
-        )  # fmt: skip
+        steps = max(1, min(ROUND, work // elements) if manner.slides else work // elements)
+        found = descend(chain, q, multipliers, longest=manner.longest, steps=steps, shift=shift, room=room)
         q, multipliers = found.q, found.multipliers
-        if found.ended in (Ended.STUCK, Ended.UNFINISHED):
+        if found.ended is Ended.STUCK:
             return None
         work -= elements * max(1, found.steps)
-        strained_at_once = found.ended is Ended.STRAINED and elements == ELEMENTS[-1] and found.steps <= STANDSTILL
-        standstills = standstills + 1 if strained_at_once else 0
-        omega = chain.sample(q, chain.points)[1]
-        if found.ended is Ended.STRAINED:  # on the way down only what turns far needs elements
-            density = np.linalg.norm(omega, axis=1) / TURNING
-        else:
-            density = _density(omega, chain.points)
-            lengths = np.repeat(np.diff(chain.mesh), len(chain.points) // elements)
-            if np.max(density * lengths) <= LOOSE or (elements == ELEMENTS[-1] and shift == WARM_SHIFT):
-                return Resting(chain, q, multipliers)
-        mesh = _fitted(chain.points, density)
-        finer = Chain(chain.section, chain.load, chain.boundary, mesh, exact=chain.exact)
-        q = finer.held(chain.sample(q, finer.nodes)[0])
-        shift = FIRST_SHIFT if found.ended is Ended.STRAINED else WARM_SHIFT
-        if work <= 0 or standstills > STANDSTILL:
+        strained = found.ended is Ended.STRAINED
+        moved = slid(chain, q, multipliers, room) if manner.slides and not strained and work > 0 else None
+        if moved is not None:
+            grown *= np.diff(moved.chain.mesh) / np.diff(chain.mesh)
+            chain, q, multipliers = moved.chain, moved.q, moved.multipliers
+        energy = chain.energy(q)[0]
+        little = above - energy < LITTLE * (1.0 + abs(energy))
+        arrived = (found.ended is Ended.AT_REST and moved is None) or (manner.nearly and not strained and little)
+        above = energy
+        unfit = np.max(np.maximum(grown, 1.0 / grown)) > DRIFTED
+        if not (arrived or strained or unfit or found.ended is Ended.AT_REST):
+            shift = found.shift
+            continue
+        standstills = standstills + 1 if strained and elements == ELEMENTS[-1] and found.steps <= STANDSTILL else 0
+        if standstills > STANDSTILL:
             return None
-        chain = finer
+        omega = chain.sample(q, chain.points)[1]
+        if strained:  # on the way down only what turns far needs elements
+            needed = np.linalg.norm(omega, axis=1) / TURNING
+        else:
+            needed = density(omega, chain.points)
+            lengths = np.repeat(np.diff(chain.mesh), len(chain.points) // elements)
+            fits = np.max(needed * lengths) <= LOOSE or (elements == ELEMENTS[-1] and shift == WARM_SHIFT)
+            if arrived and fits:
+                return Resting(chain, q, multipliers)
+            if fits and not unfit:
+                shift = found.shift
+                continue
+        finer = chain.on(fitted(chain.points, needed))
+        q = finer.held(chain.sample(q, finer.nodes)[0])
+        shift = FIRST_SHIFT if strained else WARM_SHIFT
+        chain, grown = finer, np.ones(len(finer.mesh) - 1)
+    return None
+
+
+def closer(resting: Resting, finer: int) -> Resting | None:
+    """Bring the curls of a chain as near to their rest as rounding lets them; None where it has none.
+
+    Args:
+        resting: the chain.
+        finer: elements for one of it.
+    """
+    chain, q, multipliers = resting.chain, resting.q, resting.multipliers
+    if not has_curls(chain, q):
+        return None
+    count = len(chain.mesh) - 1
+    chain = chain.on(np.interp(np.linspace(0.0, count, finer * count + 1), np.arange(count + 1.0), chain.mesh))
+    q = chain.held(resting.chain.sample(q, chain.nodes)[0])
+    room = _slack(chain.boundary) if chain.closed else 1.0
+    for _ in range(ROUNDS):
+        found = descend(
+            chain, q, multipliers, longest=SMALL_STEP, steps=ROUND, shift=WARM_SHIFT, room=room
+        )  # fmt: skip
+        q, multipliers = found.q, found.multipliers
+        moved = slid(chain, q, multipliers, room, SLIGHT)
+        if moved is None:
+            break
+        chain, q, multipliers = moved.chain, moved.q, moved.multipliers
+    return Resting(chain, q, multipliers)
 
 
 def softened(case: Case, s: Array, q: Array, coiled: float) -> Case:
@@ -216,7 +231,8 @@ def stiffen(case: Case, resting: Resting, work: int = WORK, *, patiently: bool =
         section = dataclasses.replace(case.section, stiffness=stiffness)
         chain = Chain(section, case.load, resting.chain.boundary, resting.chain.mesh, exact=resting.chain.exact)
         tried = min(work, QUICK) if patiently and factor >= LEAST_STIFFEN**2 else work
-        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, LONG_STEP, tried)
+        manner = _Manner(LONG_STEP, tried, nearly=stiffness[2] < wanted)
+        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, manner)
         if found is not None:
             resting = found
             continue
@@ -244,7 +260,8 @@ def tighten(case: Case, resting: Resting) -> Resting | None:
         gap = case.boundary.gap if step == slack / wanted else (1.0 - slack / step) * direction
         boundary = dataclasses.replace(resting.chain.boundary, gap=gap)
         chain = Chain(case.section, case.load, boundary, _shrunk(resting, step), exact=True)
-        found = _rest(chain, resting.q, resting.multipliers * step**2, WARM_SHIFT, SMALL_STEP)
+        manner = _Manner(SMALL_STEP, WORK, nearly=step < slack / wanted)
+        found = _rest(chain, resting.q, resting.multipliers * step**2, WARM_SHIFT, manner)
         if found is None:
             factor = np.sqrt(factor)
             if factor < LEAST_TIGHTEN:
@@ -265,36 +282,3 @@ def _shrunk(resting: Resting, factor: float) -> Array:
         steps = steps + (1.0 - np.sum(steps)) * straight / np.sum(straight)
     run = np.concatenate([[0.0], np.cumsum(steps)])
     return run / run[-1]
-
-
-def solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
-    """Solve ``case`` accurately from a chain at rest; None where what comes out is not its shape."""
-    chain = resting.chain
-    boundary = dataclasses.replace(chain.boundary, gap=case.boundary.gap)  # with the signs of its quaternions
-    case = dataclasses.replace(case, boundary=boundary)
-    still = dataclasses.replace(boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
-    without_moments = dataclasses.replace(case, boundary=still)
-    force = chain.force(resting.multipliers) + case.load
-    fitted = _solving_mesh(resting)
-    count = len(fitted) - 1
-    for finer in REFINEMENTS:
-        elements = next((n for n in ELEMENTS if n >= finer * count), None)
-        if elements is None:
-            return None
-        mesh = np.interp(np.linspace(0.0, count, elements + 1), np.arange(count + 1.0), fitted)
-        q, omega = chain.sample(resting.q, stations(mesh, STAGES))
-        moment = rotations.rotate(q, case.section.stiffness * (omega - case.section.rest_curvature))
-        x = pack(q, moment, force, STAGES)
-        solved = solve_on(without_moments, mesh, x, solver, SOLVE_ITERATIONS)
-        if not solved.ok or solved.turned or not error_estimate(solved)[0] < RESOLVED:
-            continue
-        slid = solved.solution.factor is None  # along a valley: no step of the last iterations was Newton's own
-        if slid or turning(solved.rod.sample(chain.nodes).q, resting.q) < FAITHFUL:
-            break
-    else:
-        return None
-    if np.any(boundary.start_moment) or np.any(boundary.end_moment):
-        solved, reached = follow(lambda t: without_moments.blend(case, t), solved, 0.0, 1.0, solver)
-        if reached < 1.0:
-            return None
-    return solved

@@ -20,6 +20,7 @@ import dataclasses
 import math
 import multiprocessing
 import signal
+import sys
 import time
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
@@ -341,8 +342,9 @@ def main() -> None:
         rows: list[Row] = []
         for row in written(run(jobs, options.jobs, limit), options.folder / f"{name}.csv"):
             rows.append(row)
-            print(f"\r{name}: {len(rows)} of {len(jobs)}", end="", flush=True)
-        print()
+            if sys.stdout.isatty():
+                print(f"\r{name}: {len(rows)} of {len(jobs)}", end="", flush=True)
+        print(f"\r{name}: {len(rows)} of {len(jobs)}")
         print(summary(rows))
         if name == "grid":
             for path in draw(rows, options.folder):

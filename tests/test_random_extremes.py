@@ -21,6 +21,7 @@ LIMIT = 90.0  # s, of one case; what takes longer is no refusal, but no shape ei
 REFUSED = 0.06  # most that may end without a shape: stiff in torsion and much turned, most of them flat or taut
 LONG = (31, 476, 577, 625, 653)  # whose elements are longer than power series span, or nearly
 COILING = (58, 659)  # that coil up where they are stiffened in torsion too fast
+CURLED = (91, 248)  # found by beginning with curls, and sliding them
 BASE = cases.BASE.posed()
 HONEST = ("stable", "unstable", "refused", extreme.TIMEOUT)  # unstable: an equilibrium, checked, and called so
 
@@ -42,8 +43,8 @@ def test_few_are_refused(rows):
     assert np.mean([row.outcome != "stable" for row in rows]) <= REFUSED
 
 
-@pytest.mark.parametrize("number", LONG + COILING)
-def test_cables_with_long_elements_or_that_coil_up_have_a_shape(number):
+@pytest.mark.parametrize("number", LONG + COILING + CURLED)
+def test_cables_with_long_elements_or_that_coil_or_curl_up_have_a_shape(number):
     row = extreme.solve(cases.numbered_case(cases.SEED, number), *extreme.METHODS[0], compare=False)
     assert (row.outcome, row.complaints) == ("stable", "")
 

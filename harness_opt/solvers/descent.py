@@ -47,12 +47,13 @@ class Ended(enum.Enum):
 
 @dataclass(frozen=True)
 class Descent:
-    """Where a descent ended: the point, the multipliers (c,), how, and after how many steps."""
+    """Where a descent ended: the point, the multipliers (c,), how, after how many steps, and with which shift."""
 
     q: Array
     multipliers: Array
     ended: Ended
     steps: int
+    shift: float
 
 
 class _Walker:
@@ -203,9 +204,9 @@ def descend(
     """
     walker = _Walker(landscape, q, multipliers, shift, longest, room)
     if not walker.come_back():
-        return Descent(walker.q, walker.multipliers, Ended.STUCK, 0)
+        return Descent(walker.q, walker.multipliers, Ended.STUCK, 0, shift)
     for taken in range(1, steps + 1):
         ended = walker.advance()
         if ended is not None:
-            return Descent(walker.q, walker.multipliers, ended, taken)
-    return Descent(walker.q, walker.multipliers, Ended.UNFINISHED, steps)
+            return Descent(walker.q, walker.multipliers, ended, taken, walker.shift)
+    return Descent(walker.q, walker.multipliers, Ended.UNFINISHED, steps, walker.shift)

@@ -226,6 +226,10 @@ class Chain:
         self._weights = np.repeat(share[self._pattern.free], 3) * (1.0 + float(np.max(section.stiffness)))
         self._loose_force = boundary.end_force if kind.start_position else -boundary.start_force - load
 
+    def on(self, mesh: Array, *, exact: bool | None = None) -> Chain:
+        """Return the same cable on another mesh; ``exact`` as it is where that is None."""
+        return Chain(self.section, self.load, self.boundary, mesh, exact=self.exact if exact is None else exact)
+
     # -- what a descent asks for -------------------------------------------------------------------------------
 
     @functools.cached_property
@@ -300,6 +304,10 @@ class Chain:
         half[:, 0] = 1.0
         half[self._pattern.free, 1:] = 0.5 * step.reshape(-1, 3)
         return rotations.normalise(rotations.multiply(q, half))
+
+    def step(self, turned: Array) -> Array:
+        """Return rotations (m, 3) of the nodes about their own axes, rad, as a step (n,) of those that are free."""
+        return np.asarray(turned[self._pattern.free].ravel())
 
     def strained(self, q: Array) -> bool:
         """Return whether an element is turned further than its polynomials can follow."""
