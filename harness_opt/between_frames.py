@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from . import rod as rod_module
 from .boundary import Kind, case
-from .continuation import ELEMENTS, NEAR, STEP_ITERATIONS, Solved, resample, solve_on, turning
+from .continuation import NEAR, STEP_ITERATIONS, turning
 from .followed_frames import Frames, batch
 from .problem import End, Problem
+from .refinement import ELEMENTS
 from .results import CableMotion, Motion
 from .rotations import Array
 from .shape import Rod
+from .solving import Solved, resample, solve_on
 from .stability import stability, surely_stable
 from .sweeps import TOLERANCE, accurate, start_positions
 from .threads import one_thread

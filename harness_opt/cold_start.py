@@ -13,13 +13,14 @@ import numpy as np
 
 from . import rotations
 from .boundary import Case
-from .continuation import STAGES, Solved, error_estimate, refine, solve_on
 from .curled import curled
 from .first_guess import EASY, curve, loose, signed
 from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, stiffen, tighten
+from .refinement import refine
 from .rotations import Array
 from .settling import solve_resting
 from .shape import Rod
+from .solving import STAGES, Solved, error_estimate, solve_on
 from .stability import doubtful, lowest_mode, stability
 from .transcriptions.collocation import pack, stations
 
@@ -96,9 +97,11 @@ def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
 def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
     """Yield shapes from the starting curve bowed to ``bow``, one for each way that leads to one, mostly a single one.
 
-    Of a taut cable, three ways are tried: let go as it is, which does where its clamps point along it, or its clamp
-    layers are long enough for a curve through the ends; begun slack and soft in torsion, tightened while the turns are
-    nothing but twist, and stiffened; begun slack, stiffened until the turns have made loops, and tightened.
+    One that is so stiff in torsion that it has to be let go soft is also begun with a curl for each turn
+    (:mod:`.curled`). Of a taut cable, three more ways are tried: let go as it is, which does where its clamps point
+    along it, or its clamp layers are long enough for a curve through the ends; begun slack and soft in torsion,
+    tightened while the turns are nothing but twist, and stiffened; begun slack, stiffened until the turns have made
+    loops, and tightened.
 
     Args:
         case, turns, bow, solver: as in :func:`cold_start`.

@@ -14,11 +14,11 @@ from typing import overload
 
 import numpy as np
 
-from .continuation import Solved, error_from_defects
 from .rotations import Array
 from .rows_on_disk import RowsOnDisk
 from .shape import Rod
 from .solvers.linear import Factor
+from .solving import Solved, error_from_defects
 
 MOST_HELD = 200_000_000  # bytes of frames that stay in memory, of all cables of a problem together
 NODES_AT_A_TIME = 4096  # of which something is asked: each takes some 10 kB meanwhile

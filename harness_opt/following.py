@@ -13,28 +13,15 @@ import numpy as np
 
 from .boundary import Case, case
 from .cold_start import cold_start, is_stable, let_go
-from .continuation import (
-    ELEMENTS,
-    RESOLVED,
-    Solved,
-    elements_for,
-    error_estimate,
-    error_from_defects,
-    finer_mesh,
-    follow,
-    refine,
-    refined_mesh,
-    resample,
-    solve_on,
-    step,
-    turning,
-)
+from .continuation import follow, step, turning
 from .errors import Status
 from .followed_frames import MOST_HELD, Stretches, batch, by_mesh
 from .mesh_changes import lightened, moved_to
 from .problem import End, Problem
+from .refinement import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
 from .rotations import Array
 from .shape import Rod
+from .solving import Solved, error_estimate, error_from_defects, resample, solve_on
 from .stability import doubt, doubtful, stability, surely_stable
 
 SAME_ENERGY = 1e-6  # relative difference below which two shapes of one pose are of one neutral family

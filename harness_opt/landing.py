@@ -10,7 +10,7 @@ import numpy as np
 
 from . import rotations
 from .boundary import Boundary, Case
-from .continuation import ELEMENTS
+from .refinement import ELEMENTS
 from .rotations import Array
 from .sliding import has_curls, slid
 from .solvers.descent import FIRST_SHIFT, Ended, descend

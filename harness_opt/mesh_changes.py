@@ -10,22 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .continuation import (
-    ELEMENTS,
-    NEAR,
-    RESOLVED,
-    STAGES,
-    Solved,
-    elements_for,
-    error_estimate,
-    refine,
-    refined_mesh,
-    resample,
-    solve_on,
-    turning,
-)
+from .continuation import NEAR, turning
 from .followed_frames import Frames, Stretches
+from .refinement import ELEMENTS, RESOLVED, elements_for, refine, refined_mesh
 from .rotations import Array
+from .solving import STAGES, Solved, error_estimate, resample, solve_on
 
 ROOM = 1.15  # times the elements that the order of the method asks for
 SAME_ENERGY = 1e-5  # relative difference up to which a shape that has moved has slid along a valley

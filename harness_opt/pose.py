@@ -11,15 +11,16 @@ from numpy.typing import ArrayLike
 from . import rod as rod_module
 from .boundary import Case, Kind, case
 from .cold_start import cold_start
-from .continuation import LAST_RESORT, SOLVERS, Solved, refine, resample, solve_on
 from .errors import ProblemError, SolveError, Status
 from .problem import Cable, End
 from .quadrature_pose import START_SOLVER, Quadrature, solve_by_quadrature
+from .refinement import LAST_RESORT, refine
 from .results import STATIONS
 from .rod import Section, Units
 from .rotations import Array
 from .shape import Rod
 from .solvers.interface import Solution
+from .solving import SOLVERS, Solved, resample, solve_on
 from .stability import stability
 from .threads import one_thread
 

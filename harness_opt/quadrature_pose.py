@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .boundary import Case
-from .continuation import ELEMENTS, SOLVERS, refine, resample, solve_on
 from .errors import ProblemError, Status
+from .refinement import ELEMENTS, refine
 from .shape import Rod
 from .solvers.interface import Options
+from .solving import SOLVERS, resample, solve_on
 from .transcriptions.dqm import FEWEST, MOST, Dqm
 
 POINTS = (21, 31, 45, 61, 81)  # tried in turn where the number is left open

@@ -8,9 +8,11 @@ import numpy as np
 
 from . import rotations
 from .boundary import Case
-from .continuation import ELEMENTS, STAGES, Solved, error_estimate, follow, solve_on, turning
+from .continuation import follow, turning
 from .landing import Resting, closer, density, fitted
+from .refinement import ELEMENTS
 from .rotations import Array
+from .solving import STAGES, Solved, error_estimate, solve_on
 from .transcriptions.collocation import pack, stations
 
 BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent

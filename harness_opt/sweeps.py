@@ -12,16 +12,17 @@ from typing import Literal
 import numpy as np
 
 from . import rod as rod_module
-from .continuation import Solved, finer_mesh, resample, settled, solve_on
 from .errors import Status
 from .followed_frames import Frames, batch, blocks
 from .following import Follower, Progress
 from .mesh_changes import on_one_mesh
 from .problem import End, Problem
+from .refinement import finer_mesh
 from .results import STATIONS, CableMotion, Followed
 from .rod import Units
 from .rotations import Array
 from .shape import Rod
+from .solving import Solved, resample, settled, solve_on
 from .stability import Stability, stability
 
 Rigour = Literal["full", "stable", "look"]

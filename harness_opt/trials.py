@@ -11,7 +11,6 @@ import numpy as np
 
 from . import design_variables
 from .clearance import ClearanceResult, measure
-from .continuation import Solved
 from .errors import ProblemError, Status
 from .following import Progress
 from .linearised import Rows, linearised
@@ -22,6 +21,7 @@ from .results import Motion
 from .rotations import Array
 from .scene import Scene
 from .sensitivity import ShapeRates, shape_rates
+from .solving import Solved
 from .sweeps import Sweep, followed, sweep
 
 GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it

@@ -24,9 +24,10 @@ import mpmath
 import numpy as np
 
 import harness_opt as ho
-from harness_opt.continuation import refine, resample, solve_on
 from harness_opt.path import place_frames
 from harness_opt.quadrature_pose import Quadrature, solve_by_quadrature
+from harness_opt.refinement import refine
+from harness_opt.solving import resample, solve_on
 from harness_opt.sweeps import sweep
 
 RIG = Path(__file__).resolve().parent.parent / "problems" / "twist_rig" / "twist_rig.toml"

@@ -33,9 +33,10 @@ from work_precision_cases import benchmarks
 import harness_opt as ho
 from harness_opt import design_variables
 from harness_opt.clearance import measure
-from harness_opt.continuation import Solved, step
+from harness_opt.continuation import step
 from harness_opt.scene import load_scene
 from harness_opt.sensitivity import shape_rates
+from harness_opt.solving import Solved
 from harness_opt.sweeps import sweep
 
 Row = dict[str, Any]

@@ -38,8 +38,10 @@ from work_precision_report import COMPILED, OURS, draw, misjudged, peer_table, t
 import harness_opt as ho
 from harness_opt import rotations
 from harness_opt.boundary import Case
-from harness_opt.continuation import SOLVERS, Solved, error_estimate, follow, refine, resample, solve_on, step
+from harness_opt.continuation import follow, step
+from harness_opt.refinement import refine
 from harness_opt.solvers.interface import Options
+from harness_opt.solving import SOLVERS, Solved, error_estimate, resample, solve_on
 from harness_opt.transcriptions.dqm import Dqm
 
 Array = np.ndarray

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
-from harness_opt import cli, continuation, motion, outer_loop, tables
+from harness_opt import cli, motion, outer_loop, refinement, solving, tables
 from harness_opt.cli import main
 from harness_opt.errors import SolveError, Status
 from harness_opt.problem_file import read_problem
@@ -217,7 +217,7 @@ def test_simulate_where_a_limit_is_violated(here, capsys):
 
 
 def test_simulate_where_no_shape_is_found(here, capsys, monkeypatch):
-    monkeypatch.setattr(continuation, "ELEMENTS", (8, 12))  # the finer ones take seconds to build
+    monkeypatch.setattr(refinement, "ELEMENTS", (8, 12))  # the finer ones take seconds to build
     assert main(["simulate", put(FLAP), *PLAIN, "--tolerance=1e-18", "--quiet"]) == 3
     out, err = capsys.readouterr()
     assert out == ""
@@ -242,7 +242,7 @@ def test_options_reach_the_solve(here, monkeypatch):
     given = [part for name, value in options.items() for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["simulate", put(FLAP), *PLAIN, *given]) == 0
     assert {name: seen[name] for name in options} == options
-    assert set(cli.SOLVERS) == set(continuation.SOLVERS)
+    assert set(cli.SOLVERS) == set(solving.SOLVERS)
 
 
 def test_json_and_nothing_else_on_stdout(here):

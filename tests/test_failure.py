@@ -11,10 +11,10 @@ import pytest
 import scipy.sparse as sp
 
 import harness_opt as ho
-from harness_opt import continuation, rotations
-from harness_opt.continuation import SOLVERS
+from harness_opt import continuation, refinement, rotations
 from harness_opt.solvers.interface import LeastSquares, Options, Solution, largest
 from harness_opt.solvers.linear import factorise
+from harness_opt.solving import SOLVERS
 
 NAN = math.nan
 CABLE = ho.Cable(length=1.0, diameter=0.01, bending_stiffness=1.0, torsional_stiffness=0.7, mass_per_length=0.5)
@@ -199,7 +199,7 @@ def test_frames_as_given():
 def be_impatient(patch: pytest.MonkeyPatch) -> None:
     """Try only coarse meshes and long steps, so that giving up takes a second and not a minute."""
     patch.setattr(continuation, "SMALLEST_STEP", 0.25)
-    patch.setattr(continuation, "ELEMENTS", (8, 12, 16))
+    patch.setattr(refinement, "ELEMENTS", (8, 12, 16))
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ from test_problems import PROBLEMS
 
 import harness_opt as ho
 from harness_opt import followed_frames, following, sweeps
-from harness_opt.continuation import ELEMENTS
 from harness_opt.followed_frames import LAST, Frames, Stretches, at_a_time, by_mesh
 from harness_opt.mesh_changes import common_mesh, moved_to, on_one_mesh
+from harness_opt.refinement import ELEMENTS
 from harness_opt.rows_on_disk import RowsOnDisk
 
 

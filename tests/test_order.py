@@ -10,9 +10,9 @@ import pytest
 import harness_opt as ho
 from harness_opt import rotations
 from harness_opt.boundary import case
-from harness_opt.continuation import STAGES, error_estimate, solve_on
 from harness_opt.solvers import gauss_newton
 from harness_opt.solvers.interface import Options
+from harness_opt.solving import STAGES, error_estimate, solve_on
 from harness_opt.transcriptions.collocation import NodeStates, collocation, pack, stations
 
 FINE, FINE_STAGES = 96, 6  # elements and stages of the solve that stands for the truth

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness_opt import continuation, tables
+from harness_opt import refinement, tables
 from harness_opt.body_motion import Hinge
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.motion import simulate
@@ -342,7 +342,7 @@ def test_what_is_no_result_is_named(motion, tmp_path):
 
 
 def test_a_partial_motion_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(continuation, "ELEMENTS", (8, 12))  # the finer ones take seconds to build
+    monkeypatch.setattr(refinement, "ELEMENTS", (8, 12))  # the finer ones take seconds to build
     with pytest.raises(SolveError) as caught:
         simulate(flap(), tolerance=1e-18)
     content = write_results(caught.value.partial, tmp_path / "out")

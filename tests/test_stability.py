@@ -10,9 +10,9 @@ import harness_opt as ho
 from harness_opt import rotations
 from harness_opt import stability as stability_module
 from harness_opt.boundary import Kind, case
-from harness_opt.continuation import STAGES, solve_on
 from harness_opt.rod import Section
 from harness_opt.shape import Rod
+from harness_opt.solving import STAGES, solve_on
 from harness_opt.stability import lowest_mode, stability, surely_stable
 from harness_opt.transcriptions.collocation import pack, stations
 

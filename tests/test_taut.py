@@ -12,8 +12,8 @@ import harness_opt as ho
 from harness_opt import rod, rotations
 from harness_opt.boundary import case
 from harness_opt.cold_start import cold_start
-from harness_opt.continuation import polished, solve_on
 from harness_opt.long_elements import TERMS, LongElements
+from harness_opt.solving import polished, solve_on
 
 CABLE = ho.Cable(1.0, 0.01, 1.0, 1.0)  # kx = ky = kz = 1 N m2
 
