@@ -186,9 +186,7 @@ def closer(resting: Resting, finer: int) -> Resting | None:
     q = chain.held(resting.chain.sample(q, chain.nodes)[0])
     room = _slack(chain.boundary) if chain.closed else 1.0
     for _ in range(ROUNDS):
-        found = descend(
-            chain, q, multipliers, longest=SMALL_STEP, steps=ROUND, shift=WARM_SHIFT, room=room
-        )  # fmt: skip
+        found = descend(chain, q, multipliers, longest=SMALL_STEP, steps=ROUND, shift=WARM_SHIFT, room=room)
         q, multipliers = found.q, found.multipliers
         moved = slid(chain, q, multipliers, room, SLIGHT)
         if moved is None:

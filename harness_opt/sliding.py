@@ -124,9 +124,8 @@ class _Step:
     def taken(self, room: float, gain: float) -> Slid | None:
         """Take as much of the step as leads down; None where none does."""
         here, size = self.here, len(self.here.gradient)
-        matrix = _matrix(here)
         try:
-            factors = spla.splu(matrix, permc_spec="NATURAL")
+            factors = spla.splu(_matrix(here), permc_spec="NATURAL")
         except RuntimeError:  # SuperLU: "Factor is exactly singular"
             return None
         sliding = self._sliding()
@@ -139,9 +138,12 @@ class _Step:
             alone, answer = (x - held @ np.linalg.solve(sliding.T @ held, sliding.T @ x) for x in (alone, answer))
         except np.linalg.LinAlgError:
             return None
-        by = _down(self.stiffness - self.coupling.T @ answer, -self.force - (self.coupling.T @ alone)[:, 0])
+        stiffness = self.stiffness - self.coupling.T @ answer
+        if not (np.all(np.isfinite(stiffness)) and np.all(np.isfinite(alone))):
+            return None
+        by = _down(stiffness, -self.force - (self.coupling.T @ alone)[:, 0])
         step = alone[:, 0] - answer @ by
-        if not np.all(np.isfinite(step)) or abs(self.force @ by) <= gain * (1.0 + abs(self.level)):
+        if abs(self.force @ by) <= gain * (1.0 + abs(self.level)):
             return None
         steps = np.diff(self.chain.mesh)
         squeezed = float(np.max(-np.diff(by @ self.rails) / steps))
