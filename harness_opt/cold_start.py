@@ -97,11 +97,10 @@ def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
 def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
     """Yield shapes from the starting curve bowed to ``bow``, one for each way that leads to one, mostly a single one.
 
-    One that is so stiff in torsion that it has to be let go soft is also begun with a curl for each turn
-    (:mod:`.curled`). Of a taut cable, three more ways are tried: let go as it is, which does where its clamps point
-    along it, or its clamp layers are long enough for a curve through the ends; begun slack and soft in torsion,
-    tightened while the turns are nothing but twist, and stiffened; begun slack, stiffened until the turns have made
-    loops, and tightened.
+    Of a taut cable, three ways are tried: let go as it is, which does where its clamps point along it, or its clamp
+    layers are long enough for a curve through the ends; begun slack and soft in torsion, tightened while the turns are
+    nothing but twist, and stiffened; begun slack, stiffened until the turns have made loops, and tightened. One so
+    stiff in torsion that it has to be let go soft is also begun with a curl for each turn, see :mod:`.curled`.
 
     Args:
         case, turns, bow, solver: as in :func:`cold_start`.
@@ -119,11 +118,11 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterat
     if resting is not None:
         resting = stiffen(begun, resting, work, patiently=not taut)
     yield from _some(_solved(begun, resting, solver))
-    if soft is not begun:
-        yield from _some(_solved(case, curled(case, turns, bow), solver))
     if taut:
         for coiled in (TWISTED, COILED):
             yield from _some(_tightened(case, turns, bow, coiled, solver))
+    if soft is not begun:
+        yield from _some(_solved(case, curled(case, turns, bow), solver))
 
 
 def _some(found: Solved | None) -> Iterator[Solved]:

@@ -137,7 +137,8 @@ def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, manner: _Man
             return None
         work -= elements * max(1, found.steps)
         strained = found.ended is Ended.STRAINED
-        moved = slid(chain, q, multipliers, room) if manner.slides and not strained and work > 0 else None
+        drifts = manner.slides and found.ended is Ended.UNFINISHED and work > 0
+        moved = slid(chain, q, multipliers, room) if drifts else None
         if moved is not None:
             grown *= np.diff(moved.chain.mesh) / np.diff(chain.mesh)
             chain, q, multipliers = moved.chain, moved.q, moved.multipliers
