@@ -12,14 +12,15 @@ from .continuation import follow, turning
 from .landing import Resting, closer, density, fitted
 from .refinement import ELEMENTS
 from .rotations import Array
-from .solving import STAGES, Solved, error_estimate, solve_on
+from .solving import SAFEGUARDED, STAGES, Solved, error_estimate, solve_on
 from .transcriptions.collocation import pack, stations
 
 BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent
 LAYER, DECAYED = 1.0, 18.0  # decay lengths: of an element at the foot of a layer, and after which 1e-8 of it is left
 FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
 RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-SOLVE_ITERATIONS = 20  # the chain is right to a per mille: what needs more does not converge
+# the chain is right to a per mille: what needs more does not converge, of the fastest solver and of the others
+SOLVE_ITERATIONS, SLOWER = 20, 60
 REFINEMENTS = (1, 2)  # collocation elements tried for one of the chain
 CLOSER = (1, 2)  # elements for one of a chain that curls are brought closer to their rest on
 
@@ -59,7 +60,8 @@ def _solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
         q, omega = chain.sample(resting.q, stations(mesh, STAGES))
         moment = rotations.rotate(q, case.section.stiffness * (omega - case.section.rest_curvature))
         x = pack(q, moment, force, STAGES)
-        solved = solve_on(without_moments, mesh, x, solver, SOLVE_ITERATIONS)
+        iterations = SOLVE_ITERATIONS if solver == SAFEGUARDED else SLOWER
+        solved = solve_on(without_moments, mesh, x, solver, iterations)
         if not solved.ok or solved.turned or not error_estimate(solved)[0] < RESOLVED:
             continue
         walked = solved.solution.factor is None  # along a valley: no step of the last iterations was Newton's own
