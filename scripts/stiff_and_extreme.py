@@ -269,8 +269,11 @@ def draw(rows: list[Row], folder: Path) -> list[Path]:
     mpl.use("Agg")
     from matplotlib import pyplot
     from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
 
-    colours = ListedColormap(["#4c9f70", "#e3c567", "#d9d9d9", "#9a9a9a", "#c0392b", "#6c3483"])
+    shades = ("#4c9f70", "#e3c567", "#d9d9d9", "#9a9a9a", "#c0392b", "#6c3483")
+    colours = ListedColormap(shades)
+    legend = [Patch(color=shade, label=outcome) for shade, outcome in zip(shades, OUTCOMES, strict=True)]
     found = {(row.case.name, row.transcription, row.solver): row for row in rows}
     paths = []
     for first, second in PAIRS:
@@ -286,7 +289,8 @@ def draw(rows: list[Row], folder: Path) -> list[Path]:
             plot.set_xticks(range(len(AXES[first])), [_tick(value) for value in AXES[first]], rotation=60)
             plot.set_yticks(range(len(AXES[second])), [_tick(value) for value in AXES[second]])
             plot.set(title=", ".join(method), xlabel=first, ylabel=second)
-        figure.suptitle("seconds; " + ", ".join(f"{k}: {outcome}" for k, outcome in enumerate(OUTCOMES)))
+        figure.suptitle("how it ended, and the processor's seconds")
+        figure.legend(handles=legend, loc="outside lower center", ncols=len(legend))
         paths.append(folder / f"{first}_{second}.png")
         figure.savefig(paths[-1], dpi=110)
         pyplot.close(figure)
