@@ -99,8 +99,7 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterat
 
     Of a taut cable, three ways are tried: let go as it is, which does where its clamps point along it, or its clamp
     layers are long enough for a curve through the ends; begun slack and soft in torsion, tightened while the turns are
-    nothing but twist, and stiffened; begun slack, stiffened until the turns have made loops, and tightened. One so
-    stiff in torsion that it has to be let go soft is also begun with a curl for each turn, see :mod:`.curled`.
+    nothing but twist, and stiffened; begun slack, stiffened until the turns have made loops, and tightened.
 
     Args:
         case, turns, bow, solver: as in :func:`cold_start`.
@@ -113,15 +112,23 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterat
         yield from _some(_straight(begun, s, q, solver))
         return
     work = QUICK if taut else WORK
-    soft = softened(begun, s, q, COILED)
-    resting = sink(soft, s, q, np.zeros(3), gently=False, work=work)
+    resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=work)
     if resting is not None:
         resting = stiffen(begun, resting, work, patiently=not taut)
     yield from _some(_solved(begun, resting, solver))
     if taut:
         for coiled in (TWISTED, COILED):
             yield from _some(_tightened(case, turns, bow, coiled, solver))
-    if soft is not begun:
+
+
+def _from_curls(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
+    """Yield a shape begun with a curl for each turn (:mod:`.curled`), of a cable that has to be let go soft in torsion.
+
+    Args:
+        case, turns, bow, solver: as in :func:`cold_start`.
+    """
+    begun, s, q = curve(case, loose(case.boundary), turns, bow)
+    if softened(begun, s, q, COILED) is not begun:
         yield from _some(_solved(case, curled(case, turns, bow), solver))
 
 
@@ -166,6 +173,21 @@ def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
     return solved if solved.ok and not solved.turned else None
 
 
+def _starts(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
+    """Yield shapes from curves with different bows, then from curls; arguments as of :func:`cold_start`."""
+
+    def frames(wish: Array | None) -> Array:
+        return curve(case, loose(case.boundary), turns, wish)[2]
+
+    tried = list[Array | None]()
+    for wish in _bows(case, bow):
+        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=SAME) for other in tried):
+            continue
+        tried.append(wish)
+        yield from from_curve(case, turns, wish, solver)
+    yield from _from_curls(case, turns, tried[0], solver)
+
+
 def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
     """Find a shape for ``case`` from its ends alone: a stable one where any is found, None where nothing worked.
 
@@ -175,18 +197,10 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
         bow: direction to which that curve is bowed; None takes the load's, then others where that fails.
         solver: name.
     """
-    unstable, tried = None, list[Array | None]()
-
-    def frames(wish: Array | None) -> Array:
-        return curve(case, loose(case.boundary), turns, wish)[2]
-
-    for wish in _bows(case, bow):
-        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=SAME) for other in tried):
-            continue
-        tried.append(wish)
-        for found in from_curve(case, turns, wish, solver):
-            settled = stabilised(found, solver)
-            if settled is not None:
-                return settled
-            unstable = unstable or found
+    unstable = None
+    for found in _starts(case, turns, bow, solver):
+        settled = stabilised(found, solver)
+        if settled is not None:
+            return settled
+        unstable = unstable or found
     return unstable
