@@ -28,6 +28,7 @@ SOLVERS: dict[str, Solver] = {
 SAFEGUARDED = "gauss-newton"  # the solver that a walk along a valley comes after
 SHARP = 1e-3  # part of the residual asked for that counts as solved along a valley: what is left goes far there
 FLOOR = 1e-2  # residual of the scaled equations that is left on the floor of a valley at most
+ALMOST = 1e3  # times the residual asked for: left by what has come down to that floor, and not strayed
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 RESIDUAL = 1e-11  # of the scaled equations
 ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
@@ -137,7 +138,10 @@ def solve_on(
         energy = (lambda x: _energy(case, bound, x)) if held else None
         steps = valley.STEPS if near is None else valley.FEW
         # where it did not converge, it may have strayed far, or be on the floor already
-        for begun in (solution.x,) if solution.status.ok else (x, solution.x):
+        starts = [solution.x] if solution.status.ok else [x]
+        if near is None and tolerance < solution.residual <= ALMOST * tolerance:
+            starts.append(solution.x)
+        for begun in starts:
             walked = valley.solve(problem, begun, sharp, energy, steps=steps)
             if walked.residual <= min(tolerance, solution.residual):
                 solution = dataclasses.replace(walked, status=Status.OK)
