@@ -27,6 +27,9 @@ class Kind(NamedTuple):
     end_orientation: bool
 
 
+CLAMPED = Kind(True, True, True, True)  # at both ends
+
+
 @dataclass(frozen=True)
 class Boundary:
     """The conditions at both ends; entries that ``kind`` does not use are zero (or the identity).

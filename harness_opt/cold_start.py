@@ -16,7 +16,7 @@ from .boundary import Case
 from .curled import curled
 from .first_guess import EASY, curve, loose, signed
 from .landing import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, stiffen, tighten
-from .refinement import refine
+from .refinement import divided, refine
 from .rotations import Array
 from .settling import solve_resting
 from .shape import Rod
@@ -54,8 +54,7 @@ def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved 
 
 def _descend(case: Case, rod: Rod, field: Array, solver: str, gently: bool) -> Solved | None:
     """Sink from ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None if in vain."""
-    count = len(rod.mesh) - 1
-    s = np.interp(np.linspace(0.0, count, PLACES * count + 1), np.arange(count + 1.0), rod.mesh)
+    s = divided(rod.mesh, PLACES * (len(rod.mesh) - 1))
     turned = np.stack([np.interp(s, rod.mesh, column) for column in field.T], axis=1)
     q = rotations.multiply(rod.sample(s).q, rotations.from_rotation_vector(turned))
     resting = sink(case, s, q, rod.force[-1], gently=gently)

@@ -2,7 +2,8 @@
 
 Where a twisted one is let go instead, or made stiffer step by step, it finds its curls by long detours, or not at all.
 A curl is begun as a circle about the section's softer axis, tilted a little towards the tangent, which makes it a turn
-of a helix: so it takes up a turn of the sense that is asked for.
+of a helix: so it takes up a turn of the sense that is asked for. Coyne, "Analysis of the formation and elimination of
+loops in twisted cable", IEEE J. Oceanic Eng. 15, 1990.
 """
 
 from __future__ import annotations
@@ -13,12 +14,11 @@ import itertools
 import numpy as np
 
 from . import rotations
-from .boundary import Case, Kind
+from .boundary import CLAMPED, Case
 from .first_guess import curve, loose, signed
 from .landing import COILED, Resting, sink, softened, stiffen, tighten
 from .rotations import Array
 
-CLAMPED = Kind(True, True, True, True)
 SHARE = 0.5  # of the slack: what the curls take up
 TILT = 0.15  # rad, of the axis of a curl towards the tangent
 APART = 2.0  # lengths of a curl, from one to the next where they gather

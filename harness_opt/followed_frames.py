@@ -8,6 +8,7 @@ does not, the estimated error, which takes the Jacobian that there was, is found
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from typing import overload
@@ -42,9 +43,9 @@ class _Numbered(Sequence[Solved]):
             raise IndexError(which)
         return self._at(k)
 
+    @abc.abstractmethod
     def _at(self, k: int) -> Solved:
         """Return frame ``k``, 0 to less than all."""
-        raise NotImplementedError
 
 
 class Frames(_Numbered):

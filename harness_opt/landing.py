@@ -10,7 +10,7 @@ import numpy as np
 
 from . import rotations
 from .boundary import Boundary, Case
-from .refinement import ELEMENTS
+from .refinement import ELEMENTS, divided
 from .rotations import Array
 from .sliding import has_curls, slid
 from .solvers.descent import FIRST_SHIFT, Ended, descend
@@ -126,7 +126,7 @@ class _Manner:
 
 def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, manner: _Manner) -> Resting | None:
     """Descend on ``chain``, and on others made to fit, until one that fits is at rest; None where that fails."""
-    room, work = _slack(chain.boundary) if chain.closed else 1.0, manner.work
+    room, work = _room(chain), manner.work
     standstills, grown, above = 0, np.ones(len(chain.mesh) - 1), np.inf
     while work > 0:
         elements = len(chain.mesh) - 1
@@ -182,10 +182,9 @@ def closer(resting: Resting, finer: int) -> Resting | None:
     chain, q, multipliers = resting.chain, resting.q, resting.multipliers
     if not has_curls(chain, q):
         return None
-    count = len(chain.mesh) - 1
-    chain = chain.on(np.interp(np.linspace(0.0, count, finer * count + 1), np.arange(count + 1.0), chain.mesh))
+    chain = chain.on(divided(chain.mesh, finer * (len(chain.mesh) - 1)))
     q = chain.held(resting.chain.sample(q, chain.nodes)[0])
-    room = _slack(chain.boundary) if chain.closed else 1.0
+    room = _room(chain)
     for _ in range(ROUNDS):
         found = descend(chain, q, multipliers, longest=SMALL_STEP, steps=ROUND, shift=WARM_SHIFT, room=room)
         q, multipliers = found.q, found.multipliers
@@ -243,6 +242,11 @@ def stiffen(case: Case, resting: Resting, work: int = WORK, *, patiently: bool =
 
 def _slack(boundary: Boundary) -> float:
     return 1.0 - float(np.linalg.norm(boundary.gap))
+
+
+def _room(chain: Chain) -> float:
+    """Return how little the constraints of a chain leave free."""
+    return _slack(chain.boundary) if chain.closed else 1.0
 
 
 def tighten(case: Case, resting: Resting) -> Resting | None:

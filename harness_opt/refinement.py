@@ -38,6 +38,12 @@ def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
     return np.interp(np.linspace(0.0, run[-1], elements + 1), run, mesh)
 
 
+def divided(mesh: Array, elements: int) -> Array:
+    """Return a mesh of so many elements that is as dense as ``mesh`` (n + 1,) everywhere, in proportion."""
+    count = len(mesh) - 1
+    return np.interp(np.linspace(0.0, count, elements + 1), np.arange(count + 1.0), mesh)
+
+
 def finer_mesh(mesh: Array, local: Array, excess: float, before: float, most: int = ELEMENTS[-1]) -> Array | None:
     """Return the mesh on offer on which the error would be ``excess`` times smaller, or one of twice the elements.
 

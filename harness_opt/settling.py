@@ -10,7 +10,7 @@ from . import rotations
 from .boundary import Case
 from .continuation import follow, turning
 from .landing import Resting, closer, density, fitted
-from .refinement import ELEMENTS
+from .refinement import ELEMENTS, divided
 from .rotations import Array
 from .solving import SAFEGUARDED, STAGES, Solved, error_estimate, solve_on
 from .transcriptions.collocation import pack, stations
@@ -50,13 +50,12 @@ def _solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
     still = dataclasses.replace(boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
     without_moments = dataclasses.replace(case, boundary=still)
     force = chain.force(resting.multipliers) + case.load
-    fitted = _solving_mesh(resting)
-    count = len(fitted) - 1
+    coarse = _solving_mesh(resting)
     for finer in REFINEMENTS:
-        elements = next((n for n in ELEMENTS if n >= finer * count), None)
+        elements = next((n for n in ELEMENTS if n >= finer * (len(coarse) - 1)), None)
         if elements is None:
             return None
-        mesh = np.interp(np.linspace(0.0, count, elements + 1), np.arange(count + 1.0), fitted)
+        mesh = divided(coarse, elements)
         q, omega = chain.sample(resting.q, stations(mesh, STAGES))
         moment = rotations.rotate(q, case.section.stiffness * (omega - case.section.rest_curvature))
         x = pack(q, moment, force, STAGES)

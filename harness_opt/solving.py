@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .boundary import Case
+from .boundary import CLAMPED, Case
 from .errors import Status
 from .extrapolation import Trail
 from .rotations import Array
@@ -45,7 +45,8 @@ class Solved:
         case: what was solved.
         bound: its equations.
         solution: the solver's answer.
-        trail: the solves that led here by :func:`step`, this one first; None where it was found otherwise.
+        trail: the solves that led here by :func:`~harness_opt.continuation.step`, this one first; None where it was
+            found otherwise.
     """
 
     case: Case
@@ -133,9 +134,7 @@ def solve_on(
     sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
     loose = solution.residual > (sharp.tolerance if flat else tolerance)
     if solver == SAFEGUARDED and loose and solution.residual <= FLOOR * math.sqrt(scale):
-        kind = case.boundary.kind
-        held = kind.start_position and kind.end_position and kind.start_orientation and kind.end_orientation
-        energy = (lambda x: _energy(case, bound, x)) if held else None
+        energy = (lambda x: _energy(case, bound, x)) if case.boundary.kind == CLAMPED else None
         steps = valley.STEPS if near is None else valley.FEW
         # where it did not converge, it may have strayed far, or be on the floor already
         starts = [solution.x] if solution.status.ok else [x]

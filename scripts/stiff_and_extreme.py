@@ -32,7 +32,7 @@ from extreme_cases import AXES, BASE, PAIRS, SEED, Case, grid, numbered_case, va
 from extreme_check import RESIDUAL, verify
 
 import harness_opt as ho
-from harness_opt.boundary import Kind
+from harness_opt.boundary import CLAMPED
 from harness_opt.errors import Status
 from harness_opt.stability import stability
 
@@ -46,7 +46,6 @@ LIMIT = 60.0  # s of the processor, of one case; what takes longer is killed and
 TRANSCRIPTIONS = ("collocation", "dqm")
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt")
 METHODS = tuple((transcription, solver) for transcription in TRANSCRIPTIONS for solver in SOLVERS)
-CLAMPED = Kind(True, True, True, True)
 
 
 # --- one row --------------------------------------------------------------------------------------------
