@@ -10,18 +10,13 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .body_motion import Hinge, Poses, Slide
+    from .design.nominal import Redesign
+    from .design.redesign import redesign
     from .errors import CompilerError, HarnessError, ProblemError, SolveError, Status
-    from .html_report import write_report
-    from .machine_code import compiled
-    from .motion import simulate
-    from .multistart import equilibria
-    from .outer_loop import Redesign
-    from .plausibility import doubts
-    from .playback import display
-    from .playback_error import DisplayError, display_error
-    from .pose import Shape, equilibrium
-    from .problem import (
+    from .files.read import read_problem, write_problem
+    from .model.bodies import Hinge, Poses, Slide
+    from .model.plausibility import doubts
+    from .model.problem import (
         Body,
         Box,
         Cable,
@@ -38,25 +33,30 @@ if TYPE_CHECKING:
         Sphere,
         Variable,
     )
-    from .problem_file import read_problem, write_problem
-    from .profile import Path, Profile, disperse, load_profiles, profiles, save_profiles
-    from .report import clearances, write_results
-    from .results import Motion
-    from .robust_loop import redesign
-    from .studies import study
-    from .study_file import read_study
-    from .tolerances import Tolerance
-    from .variant_run import VariantResult
-    from .variations import Variations
+    from .model.results import Motion
+    from .model.tolerances import Tolerance
+    from .motion.paper_data import Path, Profile, disperse, load_profiles, profiles, save_profiles
+    from .motion.playback import display
+    from .motion.playback_error import DisplayError, display_error
+    from .motion.simulate import simulate
+    from .numerics.machine_code import compiled
+    from .report.html_page import write_report
+    from .report.summary import clearances, write_results
+    from .statics.equilibria import equilibria
+    from .statics.equilibrium import Shape, equilibrium
+    from .studies.study import study
+    from .studies.study_file import read_study
+    from .studies.variant import VariantResult
+    from .studies.variations import Variations
 
 _ROOMS = {
-    "body_motion": ("Hinge", "Poses", "Slide"),
+    "model.bodies": ("Hinge", "Poses", "Slide"),
     "errors": ("CompilerError", "HarnessError", "ProblemError", "SolveError", "Status"),
-    "html_report": ("write_report",),
-    "machine_code": ("compiled",),
-    "motion": ("simulate",),
-    "multistart": ("equilibria",),
-    "problem": (
+    "report.html_page": ("write_report",),
+    "numerics.machine_code": ("compiled",),
+    "motion.simulate": ("simulate",),
+    "statics.equilibria": ("equilibria",),
+    "model.problem": (
         "Body",
         "Box",
         "Cable",
@@ -73,21 +73,21 @@ _ROOMS = {
         "Sphere",
         "Variable",
     ),
-    "problem_file": ("read_problem", "write_problem"),
-    "outer_loop": ("Redesign",),
-    "robust_loop": ("redesign",),
-    "playback": ("display",),
-    "playback_error": ("DisplayError", "display_error"),
-    "plausibility": ("doubts",),
-    "pose": ("Shape", "equilibrium"),
-    "profile": ("Path", "Profile", "disperse", "load_profiles", "profiles", "save_profiles"),
-    "report": ("clearances", "write_results"),
-    "results": ("Motion",),
-    "studies": ("study",),
-    "study_file": ("read_study",),
-    "tolerances": ("Tolerance",),
-    "variant_run": ("VariantResult",),
-    "variations": ("Variations",),
+    "files.read": ("read_problem", "write_problem"),
+    "design.nominal": ("Redesign",),
+    "design.redesign": ("redesign",),
+    "motion.playback": ("display",),
+    "motion.playback_error": ("DisplayError", "display_error"),
+    "model.plausibility": ("doubts",),
+    "statics.equilibrium": ("Shape", "equilibrium"),
+    "motion.paper_data": ("Path", "Profile", "disperse", "load_profiles", "profiles", "save_profiles"),
+    "report.summary": ("clearances", "write_results"),
+    "model.results": ("Motion",),
+    "studies.study": ("study",),
+    "studies.study_file": ("read_study",),
+    "model.tolerances": ("Tolerance",),
+    "studies.variant": ("VariantResult",),
+    "studies.variations": ("Variations",),
 }
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 

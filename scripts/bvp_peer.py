@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_bvp
 
-from harness_opt.boundary import Case
+from harness_opt.rod.boundary import Case
 
 Array = np.ndarray
 

@@ -22,13 +22,13 @@ import numpy as np
 import trimesh
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.clearance import measure
-from harness_opt.mesh_geometry import Mesh
-from harness_opt.problem import CableRun
-from harness_opt.results import CableMotion
-from harness_opt.rotations import Array
-from harness_opt.scene import load_scene
+from harness_opt.clearance.measure import measure
+from harness_opt.model.problem import CableRun
+from harness_opt.model.results import CableMotion
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.parts.mesh import Mesh
+from harness_opt.parts.scene import load_scene
 
 PAIRS = 10_000
 STATIONS = 9  # of the stretch of cable of each pair

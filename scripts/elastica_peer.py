@@ -18,9 +18,9 @@ from elastica.external_forces import NoForces
 from scipy.interpolate import CubicSpline
 from work_precision_cases import S
 
-from harness_opt import rotations
-from harness_opt.boundary import Case
-from harness_opt.shape import Rod
+from harness_opt.numerics import rotations
+from harness_opt.rod.boundary import Case
+from harness_opt.rod.states import Rod
 
 Array = np.ndarray
 NAME = "PyElastica"

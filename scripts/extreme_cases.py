@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 import harness_opt as ho
-from harness_opt import rotations
+from harness_opt.numerics import rotations
 
 Array = np.ndarray
 G = 9.81  # m/s2

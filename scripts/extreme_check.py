@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 import harness_opt as ho
-from harness_opt import rotations
 from harness_opt.errors import Status
+from harness_opt.numerics import rotations
 
 Array = np.ndarray
 PANELS = 32  # stretches that the balances are first written on

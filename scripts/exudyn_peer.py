@@ -13,9 +13,9 @@ from exudyn import itemInterface as items
 from scipy.interpolate import CubicSpline
 from work_precision_cases import S
 
-from harness_opt import rotations
-from harness_opt.boundary import Case
-from harness_opt.shape import Rod
+from harness_opt.numerics import rotations
+from harness_opt.rod.boundary import Case
+from harness_opt.rod.states import Rod
 
 Array = np.ndarray
 NAME = "Exudyn"

@@ -60,7 +60,7 @@ class Outcome:
 
 def tried(command: str, file: str, folder: Path) -> Outcome:
     """Run ``command`` on ``file`` in ``folder`` within this process, and return what was wrong with that."""
-    from harness_opt.cli import main
+    from harness_opt.cli.commands import main
 
     arguments = [command, file]
     if command in ("simulate", "redesign"):
@@ -100,7 +100,7 @@ def tried(command: str, file: str, folder: Path) -> Outcome:
 
 def left_behind(folder: Path) -> Iterator[str]:
     """Yield what is wrong with the results that a run left in ``folder``."""
-    from harness_opt.report import read_results
+    from harness_opt.report.summary import read_results
 
     results = folder / "results"
     for place in sorted(results.iterdir()) if results.is_dir() else ():
@@ -118,7 +118,7 @@ def left_behind(folder: Path) -> Iterator[str]:
 
 def result_of(example: Example, folder: Path) -> Example:
     """Return the result folder of ``example``, as an example that ``export`` takes."""
-    from harness_opt.cli import main
+    from harness_opt.cli.commands import main
 
     put(example.contents, folder)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):

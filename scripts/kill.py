@@ -30,7 +30,7 @@ POLL = 5e-4  # s between two looks
 LONGEST = 120.0  # s that a run may take
 PROBLEM = ROOT / "scripts" / "flap.toml"  # violated, and redeemed by more length
 # the report is written, and then pictures are left out for want of pyvista: three chances to be caught writing
-CODE = "import sys; sys.modules['pyvista'] = None; from harness_opt.cli import main; sys.exit(main())"
+CODE = "import sys; sys.modules['pyvista'] = None; from harness_opt.cli.commands import main; sys.exit(main())"
 
 
 def started(command: str, folder: Path, *options: str) -> subprocess.Popen[bytes]:
@@ -69,7 +69,7 @@ def killed(command: str, folder: Path, dice: random.Random, whole: float) -> str
         RuntimeError: the result is none of these.
     """
     from harness_opt.errors import HarnessError
-    from harness_opt.report import read_results
+    from harness_opt.report.summary import read_results
 
     result = folder / "out" / "result"
     before, old_hidden = content(result), set(hidden(result.parent))

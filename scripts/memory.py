@@ -98,8 +98,9 @@ def run(scene: Scene, folder: Path) -> dict[str, object]:
     trimesh.creation.icosphere(ROUND, 0.015).export(folder / "ball.stl")
     (folder / "scene.toml").write_text(scene.text(), encoding="utf-8")
     code = (
-        "import sys; from harness_opt.cli import main; sys.path.append(sys.argv[1]); from memory import most_memory;"
-        "import functools, harness_opt.motion as m;"
+        "import sys; from harness_opt.cli.commands import main;"
+        "sys.path.append(sys.argv[1]); from memory import most_memory;"
+        "import functools, harness_opt.motion.simulate as m;"
         "m.simulate = functools.partial(m.simulate, elements=int(sys.argv[2]));"
         "code = main(['simulate', 'scene.toml', '-o', 'result', '-q', '--json']);"
         "print(most_memory(), file=sys.stderr); sys.exit(code)"

@@ -24,11 +24,11 @@ import mpmath
 import numpy as np
 
 import harness_opt as ho
-from harness_opt.path import place_frames
-from harness_opt.quadrature_pose import Quadrature, solve_by_quadrature
-from harness_opt.refinement import refine
-from harness_opt.solving import resample, solve_on
-from harness_opt.sweeps import sweep
+from harness_opt.motion.path import place_frames
+from harness_opt.motion.sweep import sweep
+from harness_opt.statics.mesh import refine
+from harness_opt.statics.paper_pose import Quadrature, solve_by_quadrature
+from harness_opt.statics.solve import resample, solve_on
 
 RIG = Path(__file__).resolve().parent.parent / "problems" / "twist_rig" / "twist_rig.toml"
 CABLE = "cable"

@@ -21,10 +21,11 @@ from collections.abc import Iterator
 import numpy as np
 
 import harness_opt as ho
-from harness_opt import design_variables, rotations
-from harness_opt.clearance import measure
-from harness_opt.limits import all_limits, cable_limits
-from harness_opt.scene import load_scene
+from harness_opt.clearance.limits import all_limits, cable_limits
+from harness_opt.clearance.measure import measure
+from harness_opt.model import design_variables
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
 
 FRAMES = 40.0  # frames that a clamp's way is divided into, about
 ROOM = 0.5e-3  # m, by which the known design holds each clearance at least

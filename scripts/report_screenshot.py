@@ -10,8 +10,8 @@ import tempfile
 from pathlib import Path
 
 import harness_opt as ho
-from harness_opt.html_report import prepare, write_page
-from harness_opt.report import summary
+from harness_opt.report.html_page import prepare, write_page
+from harness_opt.report.summary import summary
 
 FOLDER = Path(__file__).resolve().parent.parent / "problems" / "lift_arm"
 SIZE = {"width": 1140, "height": 960}

@@ -31,13 +31,13 @@ from work_precision import Way
 from work_precision_cases import benchmarks
 
 import harness_opt as ho
-from harness_opt import design_variables
-from harness_opt.clearance import measure
-from harness_opt.continuation import step
-from harness_opt.scene import load_scene
-from harness_opt.sensitivity import shape_rates
-from harness_opt.solving import Solved
-from harness_opt.sweeps import sweep
+from harness_opt.clearance.measure import measure
+from harness_opt.model import design_variables
+from harness_opt.motion.shape_rates import shape_rates
+from harness_opt.motion.sweep import sweep
+from harness_opt.parts.scene import load_scene
+from harness_opt.statics.continuation import step
+from harness_opt.statics.solve import Solved
 
 Row = dict[str, Any]
 LARGE = 3  # sizes that an exponent is fitted to: below them, what does not grow prevails
@@ -215,10 +215,10 @@ def processes(repeats: int) -> list[Row]:
     def run(code: str) -> float:
         return 1e3 * seconds(lambda: subprocess.run([sys.executable, "-c", code], check=True), repeats)
 
-    solver = run("import harness_opt.motion, harness_opt.report")
+    rooms = "import harness_opt.motion.simulate, harness_opt.report.summary"
+    solver = run(rooms)
     return [
-        {"what": name, "with": run(f"import harness_opt.motion, harness_opt.report, {room}"), "without": solver,
-         "of": "a process's imports"}
+        {"what": name, "with": run(f"{rooms}, {room}"), "without": solver, "of": "a process's imports"}
         for name, room in (("meshes (coal, trimesh)", "coal, trimesh"), ("pictures (pyvista)", "pyvista"))
     ]  # fmt: skip
 

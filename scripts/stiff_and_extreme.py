@@ -32,9 +32,9 @@ from extreme_cases import AXES, BASE, PAIRS, SEED, Case, grid, numbered_case, va
 from extreme_check import RESIDUAL, verify
 
 import harness_opt as ho
-from harness_opt.boundary import CLAMPED
 from harness_opt.errors import Status
-from harness_opt.stability import stability
+from harness_opt.rod.boundary import CLAMPED
+from harness_opt.rod.stability import stability
 
 try:
     import resource

@@ -28,7 +28,7 @@ import numpy as np
 from twist_rig_pictures import draw_readings, draw_twists
 from twist_rig_runs import CABLE, FILES, Run, run
 
-from harness_opt import rotations
+from harness_opt.numerics import rotations
 
 TWISTS, QUICK_TWISTS = (90, 180, 270, 360, 540, 720, 1080), (90, 180, 360)  # degrees
 

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from twist_rig_runs import CABLE, STEP, Array, Run
 
-from harness_opt import drawing, rotations
-from harness_opt.opengl import drawable, load_pyvista
-from harness_opt.scene import load_scene
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
+from harness_opt.pictures import drawing
+from harness_opt.pictures.opengl import drawable, load_pyvista
 
 SHOWN = (0.98, 0.8, 0.6, 0.4, 0.2)  # distances of the ends
 PIXELS = 3_200  # a metre, in the large pictures

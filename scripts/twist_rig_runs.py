@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 import harness_opt as ho
-from harness_opt import drawing, rotations
+from harness_opt.numerics import rotations
+from harness_opt.pictures import drawing
 
 Array = np.ndarray
 FILES = {"0.1345": "twist_rig.toml", "134.5": "twist_rig_134_5.toml"}  # by reading of the bending rigidity, mN m2

@@ -36,13 +36,13 @@ from work_precision_cases import TABULATED, Benchmark, G, S, benchmarks
 from work_precision_report import COMPILED, OURS, draw, misjudged, peer_table, table
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.boundary import Case
-from harness_opt.continuation import follow, step
-from harness_opt.refinement import refine
-from harness_opt.solvers.interface import Options
-from harness_opt.solving import SOLVERS, Solved, error_estimate, resample, solve_on
-from harness_opt.transcriptions.dqm import Dqm
+from harness_opt.numerics import rotations
+from harness_opt.numerics.interface import Options
+from harness_opt.rod.boundary import Case
+from harness_opt.rod.differential_quadrature import Dqm
+from harness_opt.statics.continuation import follow, step
+from harness_opt.statics.mesh import refine
+from harness_opt.statics.solve import SOLVERS, Solved, error_estimate, resample, solve_on
 
 Array = np.ndarray
 Row = dict[str, Any]
@@ -322,7 +322,7 @@ def warm_bvp(way: Way, extent: Extent) -> Iterator[Row]:
 
 def cold_bvp(way: Way, extent: Extent) -> Iterator[Row]:
     """Solve the case by ``solve_bvp`` from the curve that our own cold start begins with."""
-    from harness_opt.starting_curve import starting_curve
+    from harness_opt.statics.starting_curve import starting_curve
 
     case = way.cases[-1]
     for tolerance in extent.tolerances:

@@ -15,7 +15,8 @@ import numpy as np
 from scipy import optimize, special
 
 import harness_opt as ho
-from harness_opt import boundary, rotations
+from harness_opt.numerics import rotations
+from harness_opt.rod import boundary
 
 Array = np.ndarray
 REFERENCE = Path(__file__).resolve().parent.parent / "tests" / "reference"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness_opt import rotations
-from harness_opt.problem import Cable, CableRun, End
-from harness_opt.results import CableMotion
+from harness_opt.model.problem import Cable, CableRun, End
+from harness_opt.model.results import CableMotion
+from harness_opt.numerics import rotations
 
 LENGTH = 0.3
 DIAMETER = 0.005

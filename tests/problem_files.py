@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from harness_opt.body_motion import Poses
 from harness_opt.errors import ProblemError
-from harness_opt.problem import Problem
-from harness_opt.problem_file import read_problem
+from harness_opt.files.read import read_problem
+from harness_opt.model.bodies import Poses
+from harness_opt.model.problem import Problem
 
 CONTRACT = """\
 schema = 1

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from harness_opt import rotations
-from harness_opt.problem import Box, Cable, CableRun, Capsule, Cylinder, End, MeshFile, Part, Problem, Sphere
-from harness_opt.scene import load_scene
+from harness_opt.model.problem import Box, Cable, CableRun, Capsule, Cylinder, End, MeshFile, Part, Problem, Sphere
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
 
 POSE = {"position": (0.02, -0.01, 0.03), "quaternion": tuple(rotations.normalise([0.9, 0.2, -0.3, 0.1]))}
 

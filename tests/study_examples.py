@@ -15,8 +15,8 @@ from typing import Any
 
 from flap_file import FLAP, environment
 
-from harness_opt.problem_file import toml_tables
-from harness_opt.quantities import Quantities
+from harness_opt.files.quantities import Quantities
+from harness_opt.files.read import toml_tables
 
 STUDY = """\
 schema = 1

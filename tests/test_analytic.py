@@ -9,7 +9,7 @@ import pytest
 from scipy import integrate, optimize, special
 
 import harness_opt as ho
-from harness_opt import rotations
+from harness_opt.numerics import rotations
 
 SHAPE = 1e-8  # largest error of the centreline, in lengths of the cable
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt")

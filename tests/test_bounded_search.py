@@ -14,14 +14,14 @@ from problem_files import written
 from scripts_of import script
 
 import harness_opt as ho
-from harness_opt import through_motion
-from harness_opt.between_frames import BetweenFrames
-from harness_opt.body_motion import Hinge
-from harness_opt.clearance import Between, Options, measure
-from harness_opt.clearance_search import CROWDED, LONG, ROUGH, STOPPED
-from harness_opt.report import summary
-from harness_opt.scene import load_scene
-from harness_opt.through_motion import MOST_INSERTED
+from harness_opt.clearance import certify as through_motion
+from harness_opt.clearance.certify import MOST_INSERTED
+from harness_opt.clearance.measure import Between, Options, measure
+from harness_opt.clearance.witnesses import CROWDED, LONG, ROUGH, STOPPED
+from harness_opt.model.bodies import Hinge
+from harness_opt.motion.between_frames import BetweenFrames
+from harness_opt.parts.scene import load_scene
+from harness_opt.report.summary import summary
 
 MOST_MEMORY = 400e6  # bytes; it was more than ten times as much
 REASONS = {CROWDED, LONG, ROUGH}
@@ -99,7 +99,7 @@ def test_a_stop_leaves_the_frames_measured(motion):
 
 
 def test_long_motions_are_gone_through_in_blocks(motion, monkeypatch):
-    monkeypatch.setattr("harness_opt.followed_frames.MOST_AT_A_TIME", 3)
+    monkeypatch.setattr("harness_opt.motion.frames.MOST_AT_A_TIME", 3)
     again = ho.simulate(motion.problem)
     for name, value in vars(motion.cables["lead"]).items():
         np.testing.assert_allclose(getattr(again.cables["lead"], name), value, rtol=1e-9, atol=1e-12, err_msg=name)

@@ -11,15 +11,15 @@ from curve_examples import DIAMETER, LENGTH, helix, runs, shapes
 from scene_examples import MESHES, POSE, SHAPES, load_mesh, problem_with
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.between_frames import BetweenFrames
-from harness_opt.body_motion import Hinge, Poses, Slide
-from harness_opt.clearance import Between, Options, measure
-from harness_opt.moving_curve import MovingCurve
-from harness_opt.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
-from harness_opt.results import Snap
-from harness_opt.scene import load_scene
-from harness_opt.solved_frames import SolvedFrames
+from harness_opt.clearance.measure import Between, Options, measure
+from harness_opt.clearance.moving_centreline import MovingCurve
+from harness_opt.clearance.solved_frames import SolvedFrames
+from harness_opt.model.bodies import Hinge, Poses, Slide
+from harness_opt.model.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
+from harness_opt.model.results import Snap
+from harness_opt.motion.between_frames import BetweenFrames
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
 
 TOLERANCE = 0.01 * DIAMETER
 

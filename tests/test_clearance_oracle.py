@@ -8,12 +8,12 @@ import trimesh
 from curve_examples import DIAMETER, LENGTH, helix, line, random_helices, runs, shapes
 from scene_examples import MESHES, POSE, SHAPES, problem_with
 
-from harness_opt import rotations
-from harness_opt.body_motion import Hinge
-from harness_opt.centreline import closest_on_segments, sag
-from harness_opt.clearance import Options, measure
-from harness_opt.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
-from harness_opt.scene import load_scene
+from harness_opt.clearance.centreline import closest_on_segments, sag
+from harness_opt.clearance.measure import Options, measure
+from harness_opt.model.bodies import Hinge
+from harness_opt.model.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
 
 
 @pytest.mark.parametrize("kind", ["annulus", "icosphere", "inverted", *SHAPES])

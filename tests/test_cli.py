@@ -13,13 +13,18 @@ import pytest
 import trimesh
 from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
-from harness_opt import cli, motion, outer_loop, refinement, solving, tables
-from harness_opt.cli import main
+from harness_opt.cli import commands as cli
+from harness_opt.cli.commands import main
+from harness_opt.cli.progress import Abandoned, Interrupts, progress_for
+from harness_opt.design import nominal as outer_loop
 from harness_opt.errors import SolveError, Status
-from harness_opt.problem_file import read_problem
-from harness_opt.progress import Abandoned, Interrupts, progress_for
-from harness_opt.report import read_results
-from harness_opt.results import Motion
+from harness_opt.files.read import read_problem
+from harness_opt.model.results import Motion
+from harness_opt.motion import simulate as motion
+from harness_opt.report import words as tables
+from harness_opt.report.summary import read_results
+from harness_opt.statics import mesh as refinement
+from harness_opt.statics import solve as solving
 
 # --- check ---------------------------------------------------------------------------------------------
 
@@ -362,7 +367,7 @@ def test_an_interrupt_while_pictures_are_drawn_keeps_the_result(here, monkeypatc
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("still drawing")
 
-    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(FLAP), "-q"]) == 130
     stored = read_results("results/flap").summary
     assert (stored["status"], stored["left_out"][-1]) == ("ok", "pictures")
@@ -370,7 +375,7 @@ def test_an_interrupt_while_pictures_are_drawn_keeps_the_result(here, monkeypatc
 
 
 def test_an_interrupt_while_reading(here, monkeypatch):
-    monkeypatch.setattr("harness_opt.problem_file.read_problem", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("harness_opt.files.read.read_problem", lambda *_: signal.raise_signal(signal.SIGINT))
     assert main(["check", put(FLAP)]) == 130
     assert main(["simulate", "flap.toml"]) == 130
     assert os.listdir() == ["flap.toml"]

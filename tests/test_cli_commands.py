@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
-from harness_opt import cli
-from harness_opt.cli import main
+from harness_opt.cli import commands as cli
+from harness_opt.cli.commands import main
+from harness_opt.cli.progress import Interrupts, progress_for
 from harness_opt.errors import HarnessError
-from harness_opt.problem_file import read_problem
-from harness_opt.progress import Interrupts, progress_for
-from harness_opt.report import read_results
+from harness_opt.files.read import read_problem
+from harness_opt.report.summary import read_results
 
 # --- pictures and show ---------------------------------------------------------------------------------
 
@@ -27,7 +27,7 @@ def test_pictures_are_drawn_into_the_folder(here, monkeypatch):
         (folder / "worst.png").write_bytes(b"PNG")
         return ["worst.png"]
 
-    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(FLAP), "-q"]) == 0
     assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "worst.png"]
     assert "pictures" not in read_results("results/flap").summary["left_out"]
@@ -45,7 +45,7 @@ def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error
     def draw(*_: object, **__: object) -> list[str]:
         raise error
 
-    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(HIT)]) == 1
     out, err = capsys.readouterr()
     assert err.splitlines()[-1].startswith("Pictures left out: ")
@@ -56,7 +56,7 @@ def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error
 
 
 def test_no_pictures_room_at_all(here, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "harness_opt.animation", None)
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", None)
     assert main(["simulate", put(FLAP)]) == 0
     assert 'pip install "harness-opt[pictures]"' in capsys.readouterr().err
 
@@ -64,15 +64,17 @@ def test_no_pictures_room_at_all(here, capsys, monkeypatch):
 def test_show(here, capsys, monkeypatch):
     assert main(["simulate", put(FLAP), *PLAIN, "-q"]) == 0
     shown: list[Path] = []
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures", stand_in(show=lambda folder, _: shown.append(folder)))
-    monkeypatch.setattr("harness_opt.pictures", sys.modules["harness_opt.pictures"], raising=False)
+    monkeypatch.setitem(
+        sys.modules, "harness_opt.pictures.stills", stand_in(show=lambda folder, _: shown.append(folder))
+    )
+    monkeypatch.setattr("harness_opt.pictures.stills", sys.modules["harness_opt.pictures.stills"], raising=False)
     assert main(["show", "results/flap"]) == 0
     assert shown == [Path("results/flap")]
 
     def fail(*_: object) -> None:
         raise RuntimeError("no display")
 
-    monkeypatch.setattr(sys.modules["harness_opt.pictures"], "show", fail)
+    monkeypatch.setattr(sys.modules["harness_opt.pictures.stills"], "show", fail)
     assert main(["show", "results/flap"]) == 2
     assert "No window can be shown: no display" in capsys.readouterr().err
 
@@ -124,7 +126,7 @@ def test_what_to_do_next(here, capsys):
 
 
 def test_the_report_is_named(here, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=lambda *_, **__: []))
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=lambda *_, **__: []))
     assert main(["simulate", put(FLAP)]) == 0
     assert "Report: results/flap/report.html\n" in capsys.readouterr().out
 
@@ -233,7 +235,7 @@ def test_a_terminal_gets_a_bar(monkeypatch):
 
 def test_the_command_line_alone_is_light(here):
     program = (
-        "import sys, harness_opt.cli\n"
+        "import sys, harness_opt.cli.commands\n"
         "print(*sorted({'numpy', 'scipy', 'casadi', 'pydantic', 'rich', 'trimesh'} & set(sys.modules)))"
     )
     command = [sys.executable, "-c", program]

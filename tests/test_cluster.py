@@ -83,9 +83,9 @@ def test_workers_elsewhere_are_sent_the_meshes(folder, monkeypatch):
     """The workers start after the mesh has gone from where the study found it, as on a machine of their own."""
     from problem_files import CONTRACT
 
-    from harness_opt.studies import plan
-    from harness_opt.study_cluster import cluster as connected
-    from harness_opt.variant_run import run_variant
+    from harness_opt.studies.cluster import cluster as connected
+    from harness_opt.studies.study import plan
+    from harness_opt.studies.variant import run_variant
 
     (folder / "lift.toml").write_text(CONTRACT.replace("position = [0, 0.055, 0.12]", "position = [0, 0.2, 0.12]"))
     planned = plan(folder / "lift.toml", [{"motion.spatial_step": 0.1}])
@@ -132,10 +132,10 @@ def test_an_address_that_is_none(here, address):
 
 
 def test_without_the_extra(here, capsys, monkeypatch):
-    from harness_opt.cli import main
+    from harness_opt.cli.commands import main
 
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.delitem(sys.modules, "harness_opt.study_cluster", raising=False)
+    monkeypatch.delitem(sys.modules, "harness_opt.studies.cluster", raising=False)
     placed(here)
     assert main(["study", "study.toml", "--scheduler", "tcp://127.0.0.1:1"]) == 2
     assert 'try pip install "harness-opt[cluster]"' in capsys.readouterr().err

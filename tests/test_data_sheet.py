@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt.data_sheet import data_sheets, rainflow_cycles
-from harness_opt.report import summary
-from harness_opt.results import CableMotion, Motion
+from harness_opt.model.results import CableMotion, Motion
+from harness_opt.report.data_sheet import data_sheets, rainflow_cycles
+from harness_opt.report.summary import summary
 
 # ASTM E1049-85, section 5.4.5 and figure 6: the counts of this history, begun at its highest peak
 STANDARD = np.array([-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0])

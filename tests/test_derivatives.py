@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import design_variables, rotations
-from harness_opt.boundary import Boundary, Kind
-from harness_opt.problem import Design
-from harness_opt.rod import Section
-from harness_opt.sensitivity import shape_rates
-from harness_opt.sweeps import cable_motion, sweep
-from harness_opt.transcriptions.collocation import BoundCollocation, collocation
+from harness_opt.model import design_variables
+from harness_opt.model.problem import Design
+from harness_opt.motion.shape_rates import shape_rates
+from harness_opt.motion.sweep import cable_motion, sweep
+from harness_opt.numerics import rotations
+from harness_opt.rod.boundary import Boundary, Kind
+from harness_opt.rod.collocation import BoundCollocation, collocation
+from harness_opt.rod.equations import Section
 
 KINDS = [Kind(*given) for given in itertools.product([True, False], repeat=4) if given[0] or given[2]]
 ELEMENTS, STAGES = 3, 2

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.boundary import Boundary, Kind
-from harness_opt.rod import Section
-from harness_opt.solvers.descent import Ended, descend
-from harness_opt.solvers.interface import Expansion
-from harness_opt.starting_curve import starting_curve
-from harness_opt.transcriptions.chain import Chain
+from harness_opt.numerics import rotations
+from harness_opt.numerics.descent import Ended, descend
+from harness_opt.numerics.interface import Expansion
+from harness_opt.rod.boundary import Boundary, Kind
+from harness_opt.rod.energy_chain import Chain
+from harness_opt.rod.equations import Section
+from harness_opt.statics.starting_curve import starting_curve
 
 CLAMPED, CANTILEVER, HUNG = Kind(True, True, True, True), Kind(True, True, False, False), Kind(False, False, True, True)
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

@@ -13,12 +13,12 @@ from test_problems import PROBLEMS
 from test_reference import G, cable, ends, table
 
 import harness_opt as ho
-from harness_opt import rod
-from harness_opt.boundary import case
-from harness_opt.quadrature import differential_quadrature
-from harness_opt.solvers import paper
-from harness_opt.solvers.interface import Options
-from harness_opt.transcriptions.dqm import Dqm
+from harness_opt.numerics import paper_levenberg_marquardt as paper
+from harness_opt.numerics.interface import Options
+from harness_opt.numerics.quadrature import differential_quadrature
+from harness_opt.rod import equations as rod
+from harness_opt.rod.boundary import case
+from harness_opt.rod.differential_quadrature import Dqm
 
 
 def by_the_paper(points: int, **options: object) -> float:

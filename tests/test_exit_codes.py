@@ -13,13 +13,17 @@ import numpy as np
 import pytest
 from flap_file import FLAP, HIT, PLAIN, WALLED, put, stand_in, strict
 
-from harness_opt import between_frames, design_search, motion, outer_loop, report
-from harness_opt.clearance_search import STOPPED
-from harness_opt.cli import main
+from harness_opt.clearance.witnesses import STOPPED
+from harness_opt.cli.commands import main
+from harness_opt.cli.progress import Interrupts
+from harness_opt.design import nominal as outer_loop
+from harness_opt.design import search as design_search
 from harness_opt.errors import HarnessError, SolveError, Status
-from harness_opt.progress import Interrupts
-from harness_opt.report import read_results
-from harness_opt.results import Motion
+from harness_opt.model.results import Motion
+from harness_opt.motion import between_frames
+from harness_opt.motion import simulate as motion
+from harness_opt.report import summary as report
+from harness_opt.report.summary import read_results
 
 Patch = pytest.MonkeyPatch
 Preparation = Callable[[Patch], list[str]]
@@ -72,8 +76,8 @@ def not_found(command: str) -> Preparation:
 def shown(show: Callable[..., None]) -> Preparation:
     def prepare(patch: Patch) -> list[str]:
         arguments = solved("show", "out")(patch)
-        patch.setitem(sys.modules, "harness_opt.pictures", stand_in(show=show))
-        patch.setattr("harness_opt.pictures", sys.modules["harness_opt.pictures"], raising=False)
+        patch.setitem(sys.modules, "harness_opt.pictures.stills", stand_in(show=show))
+        patch.setattr("harness_opt.pictures.stills", sys.modules["harness_opt.pictures.stills"], raising=False)
         return arguments
 
     return prepare
@@ -95,7 +99,7 @@ def varied(text: str, length: float, broken: bool = False) -> Preparation:
             def lose(*_: object) -> None:
                 raise HarnessError("workers: found none, expected one")
 
-            patch.setattr("harness_opt.studies.run", lose)
+            patch.setattr("harness_opt.studies.study.run", lose)
         return ["study", "study.toml", "--workers", "1"]
 
     return prepare
@@ -105,45 +109,45 @@ def insensitive(patch: Patch) -> list[str]:
     def fail(*_: object) -> None:
         raise SolveError("cable lead, frame 0: none", Status.NO_START)
 
-    patch.setattr("harness_opt.influence.linear", fail)
+    patch.setattr("harness_opt.design.key_derivatives.linear", fail)
     return ["sensitivity", put(FLAP)]
 
 
 CODES: dict[tuple[str, int], Preparation] = {
     ("check", 0): given("check", "flap.toml"),
     ("check", 2): given("check", "flap.toml", text="schema = 2"),
-    ("check", 130): interrupted("harness_opt.problem_file.read_problem", "check", "flap.toml"),
+    ("check", 130): interrupted("harness_opt.files.read.read_problem", "check", "flap.toml"),
     ("simulate", 0): given("simulate", "flap.toml", *PLAIN),
     ("simulate", 1): given("simulate", "flap.toml", *PLAIN, text=HIT),
     ("simulate", 2): given("simulate", "flap.toml", "-o", "."),
     ("simulate", 3): not_found("simulate"),
-    ("simulate", 130): interrupted("harness_opt.problem_file.read_problem", "simulate", "flap.toml"),
+    ("simulate", 130): interrupted("harness_opt.files.read.read_problem", "simulate", "flap.toml"),
     ("redesign", 0): given("redesign", "flap.toml", *PLAIN, text=HIT),
     ("redesign", 1): given("redesign", "flap.toml", *PLAIN, text=WALLED),
     ("redesign", 2): given("redesign", "flap.toml", *PLAIN, text=FLAP.partition("[design.variables]")[0]),
     ("redesign", 3): not_found("redesign"),
-    ("redesign", 130): interrupted("harness_opt.problem_file.read_problem", "redesign", "flap.toml"),
+    ("redesign", 130): interrupted("harness_opt.files.read.read_problem", "redesign", "flap.toml"),
     ("study", 0): varied(FLAP, 0.3),
     ("study", 1): varied(HIT, 0.3),
     ("study", 2): given("study", "flap.toml"),
     ("study", 3): varied(FLAP, 0.3, broken=True),
-    ("study", 130): interrupted("harness_opt.study_file.read_study", "study", "study.toml"),
+    ("study", 130): interrupted("harness_opt.studies.study_file.read_study", "study", "study.toml"),
     ("sensitivity", 0): given("sensitivity", "flap.toml"),
     ("sensitivity", 2): given("sensitivity", "flap.toml", text="schema = 2"),
     ("sensitivity", 3): insensitive,
-    ("sensitivity", 130): interrupted("harness_opt.problem_file.content_of", "sensitivity", "flap.toml"),
+    ("sensitivity", 130): interrupted("harness_opt.files.read.content_of", "sensitivity", "flap.toml"),
     ("show", 0): shown(lambda *_: None),
     ("show", 2): shown(no_display),
     ("show", 130): shown(interrupting),
     ("export", 0): solved("export", "out", "--to", "csv"),
     ("export", 2): given("export", "out", "--to", "csv"),
-    ("export", 130): interrupted("harness_opt.report.read_results", "export", "out", "--to", "csv"),
+    ("export", 130): interrupted("harness_opt.report.summary.read_results", "export", "out", "--to", "csv"),
     ("new", 0): given("new", "other"),
     ("new", 2): given("new", "flap"),
-    ("new", 130): interrupted("harness_opt.problem_template.write_template", "new", "other"),
+    ("new", 130): interrupted("harness_opt.cli.template.write_template", "new", "other"),
     ("schema", 0): given("schema"),
     ("schema", 2): given("schema", "flap.toml"),
-    ("schema", 130): interrupted("harness_opt.problem_file.schema", "schema"),
+    ("schema", 130): interrupted("harness_opt.files.read.schema", "schema"),
     ("completion", 0): given("completion", "bash"),
     ("completion", 2): given("completion", "tcsh"),
     ("completion", 130): interrupted("click.shell_completion.get_completion_class", "completion", "bash"),
@@ -265,7 +269,7 @@ def test_a_solve_that_never_comes_to_a_safe_point_is_cut_off(here, monkeypatch):
         while True:
             time.sleep(0.01)
 
-    monkeypatch.setattr("harness_opt.progress.LEAST_GRACE", 0.1)
+    monkeypatch.setattr("harness_opt.cli.progress.LEAST_GRACE", 0.1)
     monkeypatch.setattr(motion, "simulate", endless)
     begin = time.monotonic()
     assert main(["simulate", put(FLAP), *PLAIN, "--time-limit", "0.1"]) == 3
@@ -280,8 +284,8 @@ def test_pictures_are_cut_off_too(here, monkeypatch):
         while True:
             time.sleep(0.01)
 
-    monkeypatch.setattr("harness_opt.progress.LEAST_GRACE", 0.1)
-    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=endless))
+    monkeypatch.setattr("harness_opt.cli.progress.LEAST_GRACE", 0.1)
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=endless))
     assert main(["simulate", put(FLAP), "-q", "--time-limit", "4"]) == 0
     stored = read_results("results/flap").summary
     assert (stored["status"], stored["left_out"][-1]) == ("ok", "pictures")
@@ -314,7 +318,7 @@ def test_a_progress_may_stop_a_motion_from_python():
         if done == 3:
             raise KeyboardInterrupt
 
-    from harness_opt.problem_file import read_problem
+    from harness_opt.files.read import read_problem
 
     problems = Path(__file__).resolve().parent.parent / "problems"
     found = motion.simulate(read_problem(problems / "lift_arm" / "lift_arm.toml"), progress=stop, throw=False)

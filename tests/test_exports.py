@@ -13,13 +13,14 @@ import pytest
 import trimesh
 
 import harness_opt as ho
-from harness_opt import exports, rotations
+from harness_opt.clearance.limits import bending
 from harness_opt.errors import HarnessError
-from harness_opt.gltf import gltf
-from harness_opt.limits import bending
-from harness_opt.results import CableMotion, Motion
-from harness_opt.scene import load_scene
-from harness_opt.swept_volume import swept_volume
+from harness_opt.model.results import CableMotion, Motion
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
+from harness_opt.pictures import export as exports
+from harness_opt.pictures.gltf import gltf
+from harness_opt.pictures.swept_volume import swept_volume
 
 DOWN = (0.0, 0.0, 1.0, 0.0)
 UP_AXIS = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # from z up to y up

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness_opt.extrapolation import MOST_DEGREE, Trail
+from harness_opt.numerics.extrapolation import MOST_DEGREE, Trail
 
 PLACES = np.array([0.0, 0.3, 0.4, 0.9, 1.3, 1.45, 2.0, 2.2, 2.5])  # uneven on purpose
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import rotations
+from harness_opt.numerics import rotations
 
 END = ho.End((0.5, 0.2, 0.1), (0.8, 0.6, 0, 0))
 

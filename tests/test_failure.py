@@ -11,10 +11,12 @@ import pytest
 import scipy.sparse as sp
 
 import harness_opt as ho
-from harness_opt import continuation, refinement, rotations
-from harness_opt.solvers.interface import LeastSquares, Options, Solution, largest
-from harness_opt.solvers.linear import factorise
-from harness_opt.solving import SOLVERS
+from harness_opt.numerics import rotations
+from harness_opt.numerics.interface import LeastSquares, Options, Solution, largest
+from harness_opt.numerics.linear import factorise
+from harness_opt.statics import continuation
+from harness_opt.statics import mesh as refinement
+from harness_opt.statics.solve import SOLVERS
 
 NAN = math.nan
 CABLE = ho.Cable(length=1.0, diameter=0.01, bending_stiffness=1.0, torsional_stiffness=0.7, mass_per_length=0.5)

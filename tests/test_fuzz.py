@@ -46,7 +46,7 @@ def test_what_is_wrong_is_noticed(inputs, tmp_path, monkeypatch):
     file = inputs.problems[-1].file
 
     def judged(main: object) -> str:
-        monkeypatch.setattr("harness_opt.cli.main", main)
+        monkeypatch.setattr("harness_opt.cli.commands.main", main)
         return " ".join(fuzz.tried("check", file, tmp_path).wrong)
 
     assert judged(lambda _: 1 / 0).startswith("escaped: ")

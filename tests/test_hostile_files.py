@@ -20,17 +20,20 @@ from flap_file import FLAP, PLAIN, put
 from problem_files import HINGE, MESH, changed, mistakes, same, written
 
 import harness_opt as ho
-from harness_opt import file_places, mesh_sizes, problem_file, stored_arrays
-from harness_opt.cli import main
+from harness_opt.cli.commands import main
+from harness_opt.cli.redesign_progress import interrupted
 from harness_opt.errors import HarnessError, ProblemError
-from harness_opt.file_values import dotted
-from harness_opt.mesh_file import read_mesh
-from harness_opt.problem import MeshFile
-from harness_opt.problem_file import read_problem, write_problem
-from harness_opt.redesign_progress import interrupted
-from harness_opt.report import read_results
-from harness_opt.scene import load_scene
-from harness_opt.stored_motion import read_motion
+from harness_opt.files import arrays as stored_arrays
+from harness_opt.files import places as file_places
+from harness_opt.files import read as problem_file
+from harness_opt.files.read import read_problem, write_problem
+from harness_opt.files.stored_results import read_motion
+from harness_opt.files.values import dotted
+from harness_opt.model.problem import MeshFile
+from harness_opt.parts import mesh_headers as mesh_sizes
+from harness_opt.parts.mesh_file import read_mesh
+from harness_opt.parts.scene import load_scene
+from harness_opt.report.summary import read_results
 
 OUTSIDE = "a file outside the problem's folder"
 links = pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")
@@ -334,7 +337,7 @@ def test_meshes_that_are_none(tmp_path: Path, text: str, words: str) -> None:
 
 
 def test_triangles_of_all_parts_together(folder: Path, monkeypatch) -> None:
-    monkeypatch.setattr("harness_opt.scene.MOST_FACES", 20)
+    monkeypatch.setattr("harness_opt.parts.scene.MOST_FACES", 20)
     text = changed() + "\n[parts.second]\n" + MESH
     with pytest.raises(ProblemError, match="parts: found 24 triangles up to second, expected at most 20 in all"):
         load_scene(read_problem(written(folder, text)))

@@ -56,7 +56,7 @@ def test_checker_is_content(package, arguments):
 
 
 def test_the_measure_of_imports_sees_them():
-    assert "casadi" in imported("-c", "import harness_opt.rod")
+    assert "casadi" in imported("-c", "import harness_opt.rod.equations")
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,16 @@ import trimesh
 from browser import looked_through, opened
 
 import harness_opt as ho
-from harness_opt import charts, html_report, part_triangles, report_words, web_scene
-from harness_opt.clearance import measure
-from harness_opt.report import summary
-from harness_opt.results import Motion, Snap
-from harness_opt.scene import load_scene
-from harness_opt.tables import UNITS
+from harness_opt.clearance.measure import measure
+from harness_opt.model.results import Motion, Snap
+from harness_opt.parts import triangles as part_triangles
+from harness_opt.parts.scene import load_scene
+from harness_opt.report import charts
+from harness_opt.report import html_page as html_report
+from harness_opt.report import page_rows as report_words
+from harness_opt.report import scene_data as web_scene
+from harness_opt.report.summary import summary
+from harness_opt.report.words import UNITS
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 # files, and frames: few of the rig's, whose whole motion takes a minute

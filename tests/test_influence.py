@@ -14,22 +14,22 @@ from flap_file import put, strict
 from study_examples import STUDY, placed
 
 import harness_opt as ho
-from harness_opt import ranking
-from harness_opt.clearance import measure
-from harness_opt.clearance_search import Witnesses
-from harness_opt.cli import main
-from harness_opt.curved_distance import Passing, second_order
+from harness_opt.clearance.limits import limit_label
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.witnesses import Witnesses
+from harness_opt.cli.commands import main
+from harness_opt.design.curved_distance import Passing, second_order
+from harness_opt.design.key_derivatives import key_scale, linear, usual
+from harness_opt.design.robustness import smallest
 from harness_opt.errors import ProblemError
-from harness_opt.file_quantities import differentiable
-from harness_opt.influence import key_scale, linear, usual
-from harness_opt.limits import limit_label
-from harness_opt.part_geometry import Primitive
-from harness_opt.problem import Problem
-from harness_opt.quantities import quantities_of
-from harness_opt.ranking import ranked, step_of, tightest, worst_margin
-from harness_opt.results import CableMotion
-from harness_opt.robust import smallest
-from harness_opt.scene import load_scene
+from harness_opt.files.quantities import quantities_of
+from harness_opt.files.quantity_keys import differentiable
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import CableMotion
+from harness_opt.parts.geometry import Primitive
+from harness_opt.parts.scene import load_scene
+from harness_opt.studies import ranking
+from harness_opt.studies.ranking import ranked, step_of, tightest, worst_margin
 
 HANGING = """\
 schema = 1

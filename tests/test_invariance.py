@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import rotations
+from harness_opt.numerics import rotations
 
 SHAPE = 1e-9  # of the centreline, in lengths of the cable
 LOADS = 1e-7  # of curvature, force and moment, relative to their largest

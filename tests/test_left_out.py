@@ -10,8 +10,8 @@ from scipy import integrate
 from test_analytic import Elastica
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.path import left_out
+from harness_opt.motion.path import left_out
+from harness_opt.numerics import rotations
 
 ALONG_X = tuple(rotations.from_tangent((1, 0, 0)).tolist())
 TIPS_BELOW = 0.446  # end distance over length where the clamped elastica of kz/kx = 0.7 leaves its plane

@@ -10,11 +10,13 @@ import pytest
 from test_problems import PROBLEMS
 
 import harness_opt as ho
-from harness_opt import followed_frames, following, sweeps
-from harness_opt.followed_frames import LAST, Frames, Stretches, at_a_time, by_mesh
-from harness_opt.mesh_changes import common_mesh, moved_to, on_one_mesh
-from harness_opt.refinement import ELEMENTS
-from harness_opt.rows_on_disk import RowsOnDisk
+from harness_opt.motion import follower as following
+from harness_opt.motion import frames as followed_frames
+from harness_opt.motion import sweep as sweeps
+from harness_opt.motion.common_mesh import common_mesh, moved_to, on_one_mesh
+from harness_opt.motion.frames import LAST, Frames, Stretches, at_a_time, by_mesh
+from harness_opt.motion.rows_on_disk import RowsOnDisk
+from harness_opt.statics.mesh import ELEMENTS
 
 
 @pytest.fixture(autouse=True)

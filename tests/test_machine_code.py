@@ -18,12 +18,12 @@ from test_derivatives import KINDS, bound, named, setup
 from test_reference import G, cable, ends
 
 import harness_opt as ho
-from harness_opt import machine_code, rotations
-from harness_opt.boundary import case
-from harness_opt.cli import main
-from harness_opt.report import read_results
-from harness_opt.transcriptions.chain import Chain
-from harness_opt.transcriptions.collocation import collocation
+from harness_opt.cli.commands import main
+from harness_opt.numerics import machine_code, rotations
+from harness_opt.report.summary import read_results
+from harness_opt.rod.boundary import case
+from harness_opt.rod.collocation import collocation
+from harness_opt.rod.energy_chain import Chain
 
 DOWN = np.array([0.0, 0.0, -G])
 ROUNDING = 1e-13  # relative: the C library's functions may round another way than casadi's
@@ -151,7 +151,7 @@ def test_another_function_of_the_same_name_is_another_file(compiler, cached):
 
 def test_processes_that_compile_at_once_do_not_disturb_each_other(compiler, cached):
     code = (
-        "import casadi as ca, platformdirs; from pathlib import Path; from harness_opt import machine_code;"
+        "import casadi as ca, platformdirs; from pathlib import Path; from harness_opt.numerics import machine_code;"
         f"platformdirs.user_cache_path = lambda *_, **__: Path({str(cached.parent)!r});"
         "x = ca.SX.sym('x'); print(float(machine_code.built(ca.Function('shared', [x], [ca.exp(x)]))(1.0)))"
     )
@@ -232,8 +232,8 @@ def test_commands_compile_where_asked(compiler, here, monkeypatch, command, aske
         wanted.append(machine_code.wanted())
         return 0
 
-    monkeypatch.setattr("harness_opt.cli.run", stand_in)
-    monkeypatch.setattr("harness_opt.study_command.run_study", stand_in)
+    monkeypatch.setattr("harness_opt.cli.commands.run", stand_in)
+    monkeypatch.setattr("harness_opt.cli.study.run_study", stand_in)
     assert main([command, put(FLAP), *(["--compile"] if asked else [])]) == 0
     assert wanted == [asked]
     assert not machine_code.wanted()

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import design_variables, rotations
-from harness_opt.cable_clearance import arc_apart
-from harness_opt.clearance import measure
-from harness_opt.linearised import linearised
-from harness_opt.motion import collect
-from harness_opt.problem import Design
-from harness_opt.scene import load_scene
-from harness_opt.sensitivity import shape_rates
-from harness_opt.sweeps import followed, sweep
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.to_cable import arc_apart
+from harness_opt.design.margins import linearised
+from harness_opt.model import design_variables
+from harness_opt.model.problem import Design
+from harness_opt.motion.shape_rates import shape_rates
+from harness_opt.motion.simulate import collect
+from harness_opt.motion.sweep import followed, sweep
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
 
 FRAMES = np.array([0.0, 0.35, 1.0])
 ELEMENTS = 16  # the same for all, so that differences do not see a change of mesh

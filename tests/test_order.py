@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.boundary import case
-from harness_opt.solvers import gauss_newton
-from harness_opt.solvers.interface import Options
-from harness_opt.solving import STAGES, error_estimate, solve_on
-from harness_opt.transcriptions.collocation import NodeStates, collocation, pack, stations
+from harness_opt.numerics import gauss_newton, rotations
+from harness_opt.numerics.interface import Options
+from harness_opt.rod.boundary import case
+from harness_opt.rod.collocation import NodeStates, collocation, pack, stations
+from harness_opt.statics.solve import STAGES, error_estimate, solve_on
 
 FINE, FINE_STAGES = 96, 6  # elements and stages of the solve that stands for the truth
 ROUNDING = 1e-12  # true errors below this are not measured

@@ -12,17 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness_opt import animation, drawing, opengl, pictures, rotations
-from harness_opt.body_motion import Hinge
-from harness_opt.camera import TITLE_ROOM, Camera
-from harness_opt.clearance import measure
-from harness_opt.drawing import CABLES, SIZE, TOUCHES, Moment
+from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.measure import measure
+from harness_opt.design.nominal import redesign
 from harness_opt.errors import HarnessError
-from harness_opt.limits import all_limits
-from harness_opt.motion import simulate
-from harness_opt.outer_loop import redesign
-from harness_opt.pictures import AFTER
-from harness_opt.problem import (
+from harness_opt.files.arrays import KEPT
+from harness_opt.files.read import write_problem
+from harness_opt.files.stored_results import read_motion
+from harness_opt.model.bodies import Hinge
+from harness_opt.model.problem import (
     Body,
     Box,
     Cable,
@@ -37,13 +35,18 @@ from harness_opt.problem import (
     Sphere,
     Variable,
 )
-from harness_opt.problem_file import write_problem
-from harness_opt.report import write_results
-from harness_opt.results import Motion
-from harness_opt.scene import load_scene
-from harness_opt.stored_arrays import KEPT
-from harness_opt.stored_motion import read_motion
-from harness_opt.window import Window
+from harness_opt.model.results import Motion
+from harness_opt.motion.simulate import simulate
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
+from harness_opt.pictures import drawing, opengl
+from harness_opt.pictures import film as animation
+from harness_opt.pictures import stills as pictures
+from harness_opt.pictures.camera import TITLE_ROOM, Camera
+from harness_opt.pictures.drawing import CABLES, SIZE, TOUCHES, Moment
+from harness_opt.pictures.stills import AFTER
+from harness_opt.pictures.window import Window
+from harness_opt.report.summary import write_results
 
 UP, ALONG = (tuple(rotations.from_tangent(way)) for way in ((0, 0, 1), (1, 0, 0)))
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="windows come without X11 elsewhere")
@@ -128,7 +131,7 @@ def names(actors, kind: str) -> set[str]:
 
 
 def test_importing_the_room_imports_no_pyvista():
-    code = "import sys, harness_opt.pictures; print({'pyvista', 'vtk', 'vtkmodules'} & set(sys.modules))"
+    code = "import sys, harness_opt.pictures.stills; print({'pyvista', 'vtk', 'vtkmodules'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 

@@ -9,13 +9,13 @@ import pytest
 import trimesh
 from flap_file import FLAP, PLAIN, put, strict
 
-from harness_opt.cli import main
-from harness_opt.plausibility import doubts
-from harness_opt.problem import Limits, Part, Problem, Sphere
-from harness_opt.problem_file import read_problem
-from harness_opt.problem_template import write_template
-from harness_opt.report import read_results
-from harness_opt.scene import load_scene
+from harness_opt.cli.commands import main
+from harness_opt.cli.template import write_template
+from harness_opt.files.read import read_problem
+from harness_opt.model.plausibility import doubts
+from harness_opt.model.problem import Limits, Part, Problem, Sphere
+from harness_opt.parts.scene import load_scene
+from harness_opt.report.summary import read_results
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 

@@ -16,10 +16,22 @@ import numpy as np
 import pytest
 from problem_files import CONTRACT, HEADER, HINGE, MESH, MINIMAL, ROWS, changed, mistakes, poses_of, with_poses, written
 
-from harness_opt import rotations
-from harness_opt.body_motion import Hinge, Slide
-from harness_opt.problem import Box, Cable, Capsule, Cylinder, End, Limits, MeshFile, Part, Problem, Sphere, Variable
-from harness_opt.problem_file import read_problem, schema, write_problem
+from harness_opt.files.read import read_problem, schema, write_problem
+from harness_opt.model.bodies import Hinge, Slide
+from harness_opt.model.problem import (
+    Box,
+    Cable,
+    Capsule,
+    Cylinder,
+    End,
+    Limits,
+    MeshFile,
+    Part,
+    Problem,
+    Sphere,
+    Variable,
+)
+from harness_opt.numerics import rotations
 
 # --- what is read --------------------------------------------------------------------------------------
 
@@ -225,11 +237,11 @@ def test_schema_describes_every_key() -> None:
 
 def test_the_reader_is_light() -> None:
     """Reading a file must not wait for meshes, splines and solvers to be imported."""
-    package = Path(sys.modules["harness_opt.problem_file"].__file__ or "").parent
+    package = Path(sys.modules["harness_opt.files.read"].__file__ or "").parent.parent
     code = (
         "import sys, types; package = types.ModuleType('harness_opt');"
         f"package.__path__ = [{str(package)!r}]; sys.modules['harness_opt'] = package;"
-        "import harness_opt.problem_file;"
+        "import harness_opt.files.read;"
         "print([m for m in ('scipy', 'casadi', 'trimesh', 'coal') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from problem_files import CONTRACT, HINGE, MESH, MINIMAL, START, changed, mistakes, written
 
 from harness_opt.errors import ProblemError
-from harness_opt.problem_file import read_problem
+from harness_opt.files.read import read_problem
 
 NUMBERS = [
     ("length = 0.42 ", "length = -1", "cables.lead.length: found -1, expected a number above 0"),

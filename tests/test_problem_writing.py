@@ -15,9 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from problem_files import CONTRACT, HEADER, ROWS, changed, poses_of, same, with_poses, written
 
-from harness_opt.body_motion import Hinge, Slide
 from harness_opt.errors import ProblemError
-from harness_opt.problem import (
+from harness_opt.files.read import read_problem, write_problem
+from harness_opt.model.bodies import Hinge, Slide
+from harness_opt.model.problem import (
     Body,
     Box,
     Cable,
@@ -32,7 +33,6 @@ from harness_opt.problem import (
     Sphere,
     Variable,
 )
-from harness_opt.problem_file import read_problem, write_problem
 
 
 def test_written_file_reads_back_from_another_folder(folder: Path) -> None:

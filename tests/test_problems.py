@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import harness_opt as ho
-from harness_opt.design_variables import apply
-from harness_opt.limits import all_limits, held
+from harness_opt.clearance.limits import all_limits, held
+from harness_opt.model.design_variables import apply
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 ELEMENTS = 24  # three times those that the search uses, and half as many again as its own verification

@@ -13,8 +13,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 import harness_opt as ho
-from harness_opt.playback import between
-from harness_opt.results import Snap
+from harness_opt.model.results import Snap
+from harness_opt.motion.playback import between
 
 CABLE = ho.Cable(length=1.0, diameter=0.01, bending_stiffness=1.0, torsional_stiffness=0.7, mass_per_length=0.2)
 UP = (1.0, 0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from harness_opt.quadratic_program import PENALTY, Program, solve
+from harness_opt.numerics.quadratic_program import PENALTY, Program, solve
 
 
 def program(margin, rate, soft, floor=0.0, curvature=1.0, gradient=0.0, reach=1.0) -> Program:

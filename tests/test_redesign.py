@@ -14,13 +14,15 @@ import pytest
 from flap_file import HIT, PLAIN, WALLED, put, strict
 
 import harness_opt as ho
-from harness_opt import design_variables, redesign_progress, trials
-from harness_opt.clearance import measure
-from harness_opt.cli import main
-from harness_opt.filter_search import Step
-from harness_opt.limits import all_limits
-from harness_opt.outer_loop import Earlier
-from harness_opt.scene import load_scene
+from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.measure import measure
+from harness_opt.cli import redesign_progress
+from harness_opt.cli.commands import main
+from harness_opt.design import trial as trials
+from harness_opt.design.nominal import Earlier
+from harness_opt.design.sqp import Step
+from harness_opt.model import design_variables
+from harness_opt.parts.scene import load_scene
 
 CLOSE = 0.01  # of the objective: as near to the best of a dense search as a redesign has to come
 

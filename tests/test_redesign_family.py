@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import harness_opt as ho
-from harness_opt.design_variables import apply
+from harness_opt.model.design_variables import apply
 
 SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "redesign_family.py"
 

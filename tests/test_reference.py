@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import rotations
+from harness_opt.numerics import rotations
 
 FOLDER = Path(__file__).parent / "reference"
 CASES = json.loads((FOLDER / "cases.json").read_text(encoding="utf-8"))

@@ -14,15 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness_opt import refinement, tables
-from harness_opt.body_motion import Hinge
+from harness_opt.design.nominal import redesign
 from harness_opt.errors import ProblemError, SolveError, Status
-from harness_opt.motion import simulate
-from harness_opt.outer_loop import redesign
-from harness_opt.problem import Body, Cable, CableRun, Design, End, Limits, Part, Problem, Sphere, Variable
-from harness_opt.problem_file import read_problem, write_problem
-from harness_opt.report import clearances, read_results, summary, timed, verdict, write_results
-from harness_opt.results import Motion
+from harness_opt.files.read import read_problem, write_problem
+from harness_opt.model.bodies import Hinge
+from harness_opt.model.problem import Body, Cable, CableRun, Design, End, Limits, Part, Problem, Sphere, Variable
+from harness_opt.model.results import Motion
+from harness_opt.motion.simulate import simulate
+from harness_opt.report import words as tables
+from harness_opt.report.summary import clearances, read_results, summary, timed, verdict, write_results
+from harness_opt.statics import mesh as refinement
 
 # fmt: off
 FIELDS = {

@@ -11,8 +11,8 @@ import pytest
 from browser import looked_through
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.cli import main
+from harness_opt.cli.commands import main
+from harness_opt.numerics import rotations
 
 ROOT = Path(__file__).resolve().parent.parent
 PROBLEM = ROOT / "problems" / "robot_wrist" / "robot_wrist.toml"

@@ -12,15 +12,15 @@ from flap_file import HIT, PLAIN, put, strict
 from scipy import stats
 
 import harness_opt as ho
-from harness_opt.clearance import ClearanceResult
-from harness_opt.cli import main
-from harness_opt.file_quantities import Quantity
-from harness_opt.influence import Linear
-from harness_opt.problem import Robust
-from harness_opt.problem_file import read_problem, write_problem
-from harness_opt.robust import judged
-from harness_opt.tolerances import Tolerance
-from harness_opt.yields import measured
+from harness_opt.clearance.measure import ClearanceResult
+from harness_opt.cli.commands import main
+from harness_opt.design.key_derivatives import Linear
+from harness_opt.design.robustness import judged
+from harness_opt.files.quantity_keys import Quantity
+from harness_opt.files.read import read_problem, write_problem
+from harness_opt.model.problem import Robust
+from harness_opt.model.tolerances import Tolerance
+from harness_opt.studies.yields import measured
 
 ROBUST = """
 [robust]

@@ -12,10 +12,10 @@ import pytest
 import trimesh
 from scene_examples import MESHES, POSE, SHAPES, load_mesh, problem_with
 
-from harness_opt import rotations
 from harness_opt.errors import ProblemError
-from harness_opt.problem import Box, MeshFile, Part, Problem, Sphere
-from harness_opt.scene import Mesh, load_scene
+from harness_opt.model.problem import Box, MeshFile, Part, Problem, Sphere
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import Mesh, load_scene
 
 
 def _brute(geometry: Mesh, points):
@@ -299,7 +299,7 @@ def test_refusals_name_the_part_and_the_key(tmp_path):
 
 
 def test_too_many_triangles_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("harness_opt.mesh_sizes.MOST_FACES", 11)
+    monkeypatch.setattr("harness_opt.parts.mesh_headers.MOST_FACES", 11)
     with pytest.raises(ProblemError, match=r"parts\.part\.mesh: found 12 triangles, expected at most 11"):
         load_mesh(MESHES["box"], tmp_path)
 
@@ -324,7 +324,7 @@ def test_open_mesh_is_told(tmp_path):
 
 def test_scene_is_light_without_meshes():
     code = (
-        "import sys, harness_opt.scene as s, harness_opt.clearance, harness_opt.problem as p;"
+        "import sys, harness_opt.parts.scene as s, harness_opt.clearance.measure, harness_opt.model.problem as p;"
         "c = p.CableRun(p.Cable(1, .01, 1, 1), p.End(position=(0,0,0)), p.End());"
         "s.load_scene(p.Problem({'c': c}, parts={'b': p.Part(p.Sphere(1.0))}));"
         "assert not {'coal', 'trimesh', 'casadi'} & set(sys.modules), sys.modules.keys()"

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import curled, landing, rotations
-from harness_opt.boundary import case as posed
-from harness_opt.sliding import _rails, _Step, has_curls, slid
-from harness_opt.solvers.descent import Ended, descend
-from harness_opt.transcriptions.chain import Chain
+from harness_opt.numerics import rotations
+from harness_opt.numerics.descent import Ended, descend
+from harness_opt.rod.boundary import case as posed
+from harness_opt.rod.energy_chain import Chain
+from harness_opt.statics import curls as curled
+from harness_opt.statics import rest as landing
+from harness_opt.statics.curl_steps import _rails, _Step, has_curls, slid
 
 DISTANCE = 0.95
 WEIGHT = 20.0  # w L^3 / B: hardly changes the tension

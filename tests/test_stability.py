@@ -7,14 +7,14 @@ import pytest
 from scipy import optimize, special
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt import stability as stability_module
-from harness_opt.boundary import Kind, case
-from harness_opt.rod import Section
-from harness_opt.shape import Rod
-from harness_opt.solving import STAGES, solve_on
-from harness_opt.stability import lowest_mode, stability, surely_stable
-from harness_opt.transcriptions.collocation import pack, stations
+from harness_opt.numerics import rotations
+from harness_opt.rod import stability as stability_module
+from harness_opt.rod.boundary import Kind, case
+from harness_opt.rod.collocation import pack, stations
+from harness_opt.rod.equations import Section
+from harness_opt.rod.stability import lowest_mode, stability, surely_stable
+from harness_opt.rod.states import Rod
+from harness_opt.statics.solve import STAGES, solve_on
 
 MESH = np.linspace(0, 1, 17)
 CANTILEVER = Kind(True, True, False, False)
@@ -273,7 +273,7 @@ def test_many_shapes_looked_at_a_few_at_a_time_are_the_same(monkeypatch):
     many = Rod(rods[0].section, rods[0].load, MESH, *stacked)
     alone = [stability(rod, CANTILEVER) for rod in rods]
     for entries in (1, 10_000_000):
-        monkeypatch.setattr("harness_opt.stability.MOST_ENTRIES", entries)
+        monkeypatch.setattr("harness_opt.rod.stability.MOST_ENTRIES", entries)
         found = stability(many, CANTILEVER)
         assert found.index.tolist() == [int(one.index) for one in alone] == [0, 0, 2, 4]
         assert found.margin == pytest.approx([float(one.margin) for one in alone], rel=1e-6)

@@ -17,17 +17,17 @@ from flap_file import FLAP, HIT, run, strict
 from study_examples import STUDY, Here, alive, collected, fatal, fatal_once, gone, placed, rows, squared, started
 
 import harness_opt as ho
-from harness_opt.cli import main
+from harness_opt.clearance.limits import all_limits
+from harness_opt.cli.commands import main
 from harness_opt.errors import HarnessError, ProblemError
-from harness_opt.limits import all_limits
-from harness_opt.scene import load_scene
-from harness_opt.studies import plan, study
-from harness_opt.study_store import Store
-from harness_opt.study_table import columns, csv_text, facts, write_tables
-from harness_opt.tolerances import Tolerance
-from harness_opt.variant_run import LOST, VariantResult, label, run_variant
-from harness_opt.variations import Variations
-from harness_opt.workers import Crew
+from harness_opt.model.tolerances import Tolerance
+from harness_opt.parts.scene import load_scene
+from harness_opt.studies.store import Store
+from harness_opt.studies.study import plan, study
+from harness_opt.studies.table import columns, csv_text, facts, write_tables
+from harness_opt.studies.variant import LOST, VariantResult, label, run_variant
+from harness_opt.studies.variations import Variations
+from harness_opt.studies.workers import Crew
 
 LENGTHS = [{"cables.lead.length": length} for length in (0.3, 0.29, 0.31)]
 
@@ -71,7 +71,7 @@ def test_problems_in_no_file_and_changed_ones_are_studied_as_they_are(problem):
 
 
 def test_failures_are_rows_with_reasons(problem, monkeypatch):
-    from harness_opt import variant_run
+    from harness_opt.studies import variant as variant_run
 
     def simulate(problem: ho.Problem, **options: object) -> ho.Motion:
         if problem.cables["lead"].cable.length == 0.31:
@@ -90,8 +90,8 @@ def test_failures_are_rows_with_reasons(problem, monkeypatch):
 
 
 def test_a_cable_that_cannot_be_followed_is_a_row(problem, monkeypatch):
-    from harness_opt import variant_run
     from harness_opt.errors import Status
+    from harness_opt.studies import variant as variant_run
 
     def simulate(problem: ho.Problem, **_: object) -> ho.Motion:
         return ho.Motion(problem, np.zeros(0), {}, Status.NO_START, "cable lead: no shape")
@@ -108,7 +108,7 @@ def test_a_cable_that_cannot_be_followed_is_a_row(problem, monkeypatch):
 
 
 def test_a_worker_of_another_version_says_so(problem, monkeypatch):
-    from harness_opt import variant_run
+    from harness_opt.studies import variant as variant_run
 
     monkeypatch.setattr(variant_run, "version", lambda: "0.0.1")
     (found,) = study(problem, [{}], executor=Here())
@@ -213,7 +213,7 @@ def test_what_was_lost_with_its_worker_is_tried_again(problem):
 
 
 def test_one_study_at_a_time(here, monkeypatch):
-    from harness_opt import study_store
+    from harness_opt.studies import store as study_store
 
     monkeypatch.setattr(study_store, "WAIT", 0.01)
     with (
@@ -282,7 +282,7 @@ def test_processes_give_the_same_rows_as_this_one(problem):
 
 def test_a_variant_costs_little_more_than_its_simulation(problem, monkeypatch):
     """Less than 10 ms: the processor time of a variant less that spent within ``simulate`` and ``clearances``."""
-    from harness_opt import variant_run
+    from harness_opt.studies import variant as variant_run
 
     inside = []
 

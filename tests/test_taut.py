@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt import rod, rotations
-from harness_opt.boundary import case
-from harness_opt.cold_start import cold_start
-from harness_opt.long_elements import TERMS, LongElements
-from harness_opt.solving import polished, solve_on
+from harness_opt.numerics import rotations
+from harness_opt.rod import equations as rod
+from harness_opt.rod.boundary import case
+from harness_opt.rod.long_elements import TERMS, LongElements
+from harness_opt.statics.cold_start import cold_start
+from harness_opt.statics.solve import polished, solve_on
 
 CABLE = ho.Cable(1.0, 0.01, 1.0, 1.0)  # kx = ky = kz = 1 N m2
 

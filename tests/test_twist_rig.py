@@ -16,7 +16,7 @@ from test_problems import PROBLEMS
 from test_reference import CASES, SHAPE, G, table
 
 import harness_opt as ho
-from harness_opt import rotations
+from harness_opt.numerics import rotations
 
 TURNS = 1e-3  # to which twist and writhe have to add up
 FAR, NEAR = 0.98, 0.2  # distance of the ends at both ends of the motion, in lengths of the cable

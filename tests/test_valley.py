@@ -7,8 +7,8 @@ import pytest
 import scipy.sparse as sp
 
 from harness_opt.errors import Status
-from harness_opt.solvers import valley
-from harness_opt.solvers.interface import LeastSquares, Options
+from harness_opt.numerics import valley
+from harness_opt.numerics.interface import LeastSquares, Options
 
 
 def problem(residual, jacobian):

@@ -13,15 +13,16 @@ from scipy import stats
 from study_examples import STUDY, placed, quantities
 
 import harness_opt as ho
-from harness_opt import design_variables, rotations
 from harness_opt.errors import ProblemError
-from harness_opt.problem import Design, Variable
-from harness_opt.scene import load_scene
-from harness_opt.studies import plan
-from harness_opt.study_file import read_study
-from harness_opt.tolerances import Tolerance
-from harness_opt.variations import Variations, expand
-from harness_opt.workbench import Shared, Workbench
+from harness_opt.model import design_variables
+from harness_opt.model.problem import Design, Variable
+from harness_opt.model.tolerances import Tolerance
+from harness_opt.numerics import rotations
+from harness_opt.parts.scene import load_scene
+from harness_opt.studies.shared_problem import Shared, Workbench
+from harness_opt.studies.study import plan
+from harness_opt.studies.study_file import read_study
+from harness_opt.studies.variations import Variations, expand
 
 LIFT_ARM = Path(__file__).resolve().parent.parent / "problems" / "lift_arm" / "lift_arm.toml"
 
@@ -236,7 +237,7 @@ def test_a_workbench_moves_meshes_as_a_problem_does(tmp_path):
 def test_a_worker_without_the_files_takes_those_that_were_sent(tmp_path, monkeypatch, folder):
     from problem_files import CONTRACT, written
 
-    from harness_opt import workbench
+    from harness_opt.studies import shared_problem as workbench
 
     monkeypatch.setattr(workbench.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     shared = plan(written(folder, CONTRACT), [{"cables.lead.length": 0.43}]).shared

@@ -7,13 +7,13 @@ import pytest
 from test_reference import CASES, G, cable, ends, table
 
 import harness_opt as ho
-from harness_opt import rotations
-from harness_opt.boundary import case
-from harness_opt.continuation import follow
-from harness_opt.following import Follower
-from harness_opt.solvers.linear import BENIGN, factorise
-from harness_opt.solving import error_estimate, resample, solve_on
-from harness_opt.transcriptions.collocation import BoundCollocation
+from harness_opt.motion.follower import Follower
+from harness_opt.numerics import rotations
+from harness_opt.numerics.linear import BENIGN, factorise
+from harness_opt.rod.boundary import case
+from harness_opt.rod.collocation import BoundCollocation
+from harness_opt.statics.continuation import follow
+from harness_opt.statics.solve import error_estimate, resample, solve_on
 
 DOWN = np.array([0.0, 0.0, -G])
 

@@ -15,11 +15,11 @@ import pytest
 from flap_file import FLAP, HIT, PLAIN, environment, put, stand_in
 from scripts_of import script
 
-from harness_opt import result_folder, whole_folder
-from harness_opt.cli import main
+from harness_opt.cli.commands import main
 from harness_opt.errors import ProblemError
-from harness_opt.report import read_results
-from harness_opt.result_folder import replacing
+from harness_opt.files import result_folder, whole_folder
+from harness_opt.files.result_folder import replacing
+from harness_opt.report.summary import read_results
 
 KILLS = 3  # of each command; scripts/kill.py kills 50
 COMMANDS = ("simulate", "redesign")
@@ -203,7 +203,8 @@ def test_a_disk_that_fills_up_with_the_report_keeps_the_result(here, capsys, com
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_disk_for_reading_only(here, capsys, monkeypatch, command):
-    monkeypatch.setattr(f"harness_opt.{'motion' if command == 'simulate' else 'outer_loop'}.{command}", None)
+    solving = {"simulate": "harness_opt.motion.simulate.simulate", "redesign": "harness_opt.design.redesign.redesign"}
+    monkeypatch.setattr(solving[command], None)
     put(FLAP)
     with mounted(here / "disk", "ro"):
         assert main([command, "flap.toml", *PLAIN, "-o", "disk/out"]) == 2, "before anything is solved"
@@ -248,7 +249,7 @@ def test_a_disk_that_fills_up_with_pictures(here, capsys, monkeypatch):
     def draw(*_: object, **__: object) -> list[str]:
         raise ProblemError("results/flap: found no way to write film.mp4 (No space left on device), expected one")
 
-    monkeypatch.setitem(sys.modules, "harness_opt.animation", stand_in(write_pictures_and_film=draw))
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(FLAP)]) == 2
     out, err = capsys.readouterr()
     assert "No space left on device" in err.splitlines()[-1] and "Results: results/flap" in out

@@ -1,0 +1,104 @@
+"""What cables are coloured by: at each of their points how near anything is, and whether a limit is broken there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness_opt.clearance.measure import PairClearance
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import Motion
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.parts.scene import Scene
+
+FAR = 4.0  # limits, or diameters: a clearance beyond has the colour of what is far away
+FINE, SHORT, TOUCHES = 0, 1, 2  # states of a point: limits hold, one does not, something is touched
+
+
+def far(problem: Problem) -> float:
+    """Return the clearance from which on all has the colour of what is far away, m."""
+    limits = [problem.clearance_limit(part) or 0.0 for part in problem.parts]
+    allowed = max([*limits, problem.limits.clearance or 0.0])
+    return FAR * (allowed or max(run.cable.diameter for run in problem.cables.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points of a cable in one frame.
+
+    Args:
+        cable: its name.
+        frame: of the motion.
+        s: arc lengths, m, (n,).
+        position: world, m, (n, 3).
+    """
+
+    cable: str
+    frame: int
+    s: Array
+    position: Array
+
+
+def clearance_along(motion: Motion, scene: Scene, pair: PairClearance, points: Points, reach: float) -> Array:
+    """Return the clearances (n,) in ``pair`` of points of one of its cables, m.
+
+    What lies farther than ``reach`` from a part is only told to lie farther: by some number above ``reach``.
+
+    Args:
+        motion, scene: what is looked at.
+        pair: a cable and an obstacle.
+        points: on one of the cables of ``pair``.
+        reach: m.
+    """
+    problem, name, frame = motion.problem, points.cable, points.frame
+    own = problem.cables[name].cable
+    if pair.obstacle in scene.parts:
+        part = scene.parts[pair.obstacle]
+        position, q = problem.poses(part.body, motion.motion[frame])
+        local = rotations.rotate(rotations.conjugate(q[0]), points.position - position[0])
+        clearance = part.lower_bound(local) - own.radius
+        near = clearance <= reach
+        if np.any(near):
+            clearance[near] = part.signed_distance(local[near])[0] - own.radius
+        return clearance
+    other = pair.obstacle.removeprefix("cable:") if pair.cable == name else pair.cable
+    shapes = motion.cables[other]
+    apart = np.linalg.norm(points.position[:, None] - shapes.position[frame], axis=-1)
+    if other == name:  # what is near along the cable is near, as `clearance.measure` says
+        gap = 0.5 * math.pi * (own.diameter + (problem.limits.clearance or 0.0))
+        apart = np.where(np.abs(points.s[:, None] - shapes.s) < gap, np.inf, apart)
+    return apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
+
+
+def states(
+    motion: Motion, scene: Scene, pairs: Sequence[PairClearance], points: Points, reach: float
+) -> tuple[Array, Array]:
+    """Return the smallest clearance (n,), m, and the state (n,) of points of a cable.
+
+    What lies in a stretch near a clamp that does not count is infinitely far. A state is :data:`TOUCHES` where
+    the cable touches something, :data:`SHORT` where a clearance, the bend radius or the twist breaks its limit.
+
+    Args:
+        motion, scene: what is looked at.
+        pairs: clearances that were measured of it.
+        points: of a cable.
+        reach: as for :func:`clearance_along`, m; at least all limits.
+    """
+    limits, shapes, name, s = motion.problem.limits, motion.cables[points.cable], points.cable, points.s
+    darboux = shapes.curvature[points.frame]
+    curvature = np.interp(s, shapes.s, np.linalg.norm(darboux[:, :2], axis=-1))
+    twist = np.interp(s, shapes.s, np.abs(darboux[:, 2]))
+    short = (curvature * (limits.bend_radius or 0.0) > 1.0) | (twist > (limits.twist or math.inf))
+    nearest = np.full(len(s), np.inf)
+    for pair in pairs:
+        if name != pair.cable and pair.obstacle != f"cable:{name}":
+            continue
+        counts = (s >= pair.excluded[0]) & (s <= s[-1] - pair.excluded[1])
+        clearance = np.where(counts, clearance_along(motion, scene, pair, points, reach), np.inf)
+        nearest = np.minimum(nearest, clearance)
+        short |= clearance < (pair.limit or 0.0)
+    return nearest, np.where(nearest < 0, TOUCHES, np.where(short, SHORT, FINE))

@@ -1,0 +1,108 @@
+"""The frames of one cable over its motion: those of the simulation, and those solved between them to be certain."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness_opt.clearance.centreline import cubic_error
+from harness_opt.model.results import CableMotion
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices
+
+NODES = 4  # frames that a cubic goes through
+SHORTEST = 2.0**-20  # of the motion, between two frames: below this a shape is said to jump
+
+# cable and motion values (k,) to positions (k, N, 3), m, quaternions (k, N, 4), and which of them were found (k,)
+Solve = Callable[[str, Array], tuple[Array, Array, NDArray[np.bool_]]]
+
+
+class SolvedFrames:
+    """The centreline of one cable in the frames of its motion, to which more can be added.
+
+    Args:
+        cable: its name.
+        motion: (P,), of the frames, increasing.
+        shapes: of the cable in them.
+        solve: finds shapes between them.
+        jumps: motion values inside the intervals in which the cable snaps.
+        turns: motion values at which bodies turn round, so that nothing is smooth across them.
+    """
+
+    def __init__(self, cable: str, motion: Array, shapes: CableMotion, solve: Solve, *, jumps: Array, turns: Array):
+        self.cable, self._solve, self._jumps, self._turns = cable, solve, jumps, turns
+        self.s, self.times = shapes.s, motion
+        self.position, self.tangent = shapes.position, rotations.tangent(shapes.quaternion)
+        own = float(np.nan_to_num(np.max(shapes.estimated_error)))
+        self.error = cubic_error(shapes) + own * shapes.s[-1]  # of the frames themselves, m
+        self.given = motion
+        self._lost = np.zeros(0)  # motion values at which no shape was found
+
+    @property
+    def inserted(self) -> int:
+        """How many frames were added."""
+        return len(self.times) - len(self.given)
+
+    @property
+    def broken(self) -> NDArray[np.bool_]:
+        """Between which frames nothing is known (P - 1,): the cable snaps there, or no shape was found."""
+        broken = np.diff(self.times) < SHORTEST
+        for values in (self._jumps, self._lost):
+            broken[self.interval(values)] = True
+        return broken
+
+    def interval(self, at: Array) -> Indices:
+        """Return the intervals (k,) between frames that hold motion values ``at`` (k,)."""
+        return np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(self.times) - 2)
+
+    def insert(self, values: Array) -> None:
+        """Solve frames at motion values (k,), but for those where there is one."""
+        gap = np.min(np.abs(values[:, None] - self.times), axis=1, initial=math.inf)
+        values = np.unique(values[gap > SHORTEST])
+        if not len(values):
+            return
+        position, quaternion, found = self._solve(self.cable, values)
+        self._lost = np.union1d(self._lost, values[~found])
+        times = np.concatenate([self.times, values[found]])
+        order = np.argsort(times, kind="stable")
+        self.times = times[order]
+        self.position = np.concatenate([self.position, position[found]])[order]
+        self.tangent = np.concatenate([self.tangent, rotations.tangent(quaternion[found])])[order]
+
+    def complete(self) -> None:
+        """Solve as many frames as a cubic needs on every stretch without a break."""
+        for _ in range(NODES):
+            missing = [
+                np.linspace(self.times[first], self.times[last], NODES)[1:-1]
+                for first, last in self.stretches()
+                if first < last < first + NODES - 1
+            ]
+            if not missing:
+                return
+            self.insert(np.concatenate(missing))
+
+    def why_broken(self, interval: int) -> str:
+        """Return why nothing is known within an interval: a sentence for the user."""
+        low, high = self.times[interval], self.times[interval + 1]
+        frame = int(np.clip(np.searchsorted(self.given, 0.5 * (low + high)) - 1, 0, len(self.given) - 2))
+        where = f"between frames {frame} and {frame + 1} (motion {low:.6f} to {high:.6f})"
+        if np.any((self._jumps > low) & (self._jumps < high)):
+            return f"{self.cable} snaps {where}, and what it meets on the way is not known"
+        if high - low < SHORTEST:
+            return f"{self.cable} jumps {where}"
+        return f"no shape of {self.cable} was found {where}"
+
+    def stretches(self) -> list[tuple[int, int]]:
+        """Return the first and last frame of each run of frames across which the motion is smooth."""
+        broken = self.broken
+        kinks = np.flatnonzero(np.isin(self.times, self._turns))
+        cuts = {0, len(self.times) - 1, *kinks}
+        for k in np.flatnonzero(broken):
+            cuts |= {int(k), int(k) + 1}
+        edges = sorted(int(cut) for cut in cuts)
+        return [(a, b) for a, b in itertools.pairwise(edges) if not (b == a + 1 and broken[a])]

@@ -1,0 +1,478 @@
+"""The command line: the only room that prints or exits.
+
+The rooms that solve are imported inside the commands, so that help, ``schema`` and ``check`` start at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from harness_opt.cli.progress import Abandoned
+from harness_opt.cli.run import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
+from harness_opt.errors import CompilerError, HarnessError, ProblemError
+
+if TYPE_CHECKING:
+    from harness_opt.cli.progress import Shown
+    from harness_opt.design.nominal import Redesign
+    from harness_opt.model.problem import Problem
+    from harness_opt.model.results import Motion
+
+SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
+TRANSCRIPTIONS = ("collocation", "dqm")
+EXPORTS = ("paraview", "csv", "gltf", "stl")
+CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")  # all but tab and new line
+MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
+EXPORT_FOLDER = "export"  # in a result folder
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code.
+
+    Args:
+        argv: the arguments, without the program's name; None takes those of the process.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a name that the terminal's encoding lacks must not end a run
+            stream.reconfigure(errors="replace")
+    try:
+        code = commands.main(args=argv, prog_name="harness-opt", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return BAD_INPUT
+    except ProblemError as error:
+        _tell(*error.mistakes)
+        return BAD_INPUT
+    except CompilerError as error:  # one that worked when it was tried out
+        _tell(f"harness-opt: {error}; leave --compile out to do without")
+        return BAD_INPUT
+    except OSError as error:  # such as a full disk behind stdout
+        _tell(f"harness-opt: {error.filename or 'output'}: {error.strerror or error}")
+        return BAD_INPUT
+    except (click.Abort, KeyboardInterrupt, Abandoned):
+        _tell("Interrupted.")
+        return INTERRUPTED
+    return code or 0
+
+
+def _say(text: str) -> None:
+    """Print on stdout; a reader that has gone away (``harness-opt schema | head``) is no mistake."""
+    try:
+        click.echo(_coloured(text), color=_colour())
+    except BrokenPipeError:
+        # what is still buffered would fail again when Python ends; docs.python.org/3/library/signal.html
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _colour() -> bool | None:
+    """Return False where no colours are wanted (no-color.org), None to leave it to whether this is a terminal."""
+    return False if os.environ.get("NO_COLOR") else None
+
+
+def _coloured(text: str) -> str:
+    """Return the words of a table's last column in colours, which whatever is no terminal loses again.
+
+    What a file holds may not steer the terminal: control characters in it, and those that turn the direction of
+    writing, become question marks.
+    """
+    text = CONTROLS.sub("?", text)
+    text = re.sub(r" OK$", lambda found: click.style(found[0], fg="green"), text, flags=re.MULTILINE)
+    return re.sub(r" VIOLATED$", lambda found: click.style(found[0], fg="red", bold=True), text, flags=re.MULTILINE)
+
+
+def _warn(text: str) -> None:
+    """Print on stderr from a signal handler, where Python's own streams may be in use."""
+    os.write(2, text.encode())
+
+
+def _tell(*lines: str) -> None:
+    """Print on stderr."""
+    for line in lines:
+        click.echo(_coloured(line), err=True, color=_colour())
+
+
+VOICE = Voice(_say, _tell, _warn)
+
+
+# --- options -------------------------------------------------------------------------------------------
+
+
+class _Positive(click.ParamType):
+    """A finite number above 0."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and number > 0):
+            self.fail(f"found {value!r}, expected a number above 0", param, ctx)
+        return number
+
+
+_file = click.argument("file", type=click.Path(path_type=Path))
+_folders = click.option(
+    "--files", "folders", multiple=True, metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder that meshes and tables may come from, beside FILE's own; may be given several times.",
+)  # fmt: skip
+_seconds = click.option(
+    "--time-limit", "seconds", type=_Positive(), metavar="S",
+    help="Stop after so many seconds, and keep what is solved by then; exit code 3.",
+)  # fmt: skip
+_as_json = click.option("--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there.")
+
+
+def _running(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the argument and the options of the commands that write results."""
+    for decorate in (
+        click.option(
+            "--no-pictures", "pictures", flag_value=False, default=True, help="Write no report and draw no pictures."
+        ),
+        click.option("--quiet", "-q", is_flag=True, help="No progress and no table."),
+        _as_json,
+        click.option(
+            "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+            help="Result folder; results/<name of FILE> where left out.",
+        ),
+        _file,
+    ):  # fmt: skip
+        command = decorate(command)
+    return command
+
+
+def _compiling(command: Callable[..., int]) -> Callable[..., int]:
+    """Add the option that has functions compiled; where they can't be, say so and do without."""
+
+    @click.option(
+        "--compile", "machine", is_flag=True,
+        help="Have the system's C compiler make it faster, for some seconds the first time: same results.",
+    )  # fmt: skip
+    @functools.wraps(command)
+    def compiling(*arguments: Any, machine: bool, **options: Any) -> int:
+        with contextlib.ExitStack() as stack:
+            if machine:
+                from harness_opt.numerics.machine_code import compiled
+
+                try:
+                    stack.enter_context(compiled())
+                except CompilerError as error:
+                    _tell(f"--compile: {error}; going on without: the results are the same")
+            return command(*arguments, **options)
+
+    return compiling
+
+
+def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    """Print the version, if ``wanted``, and end."""
+    if wanted:
+        from harness_opt.report.summary import versions
+
+        _say(f"harness-opt {versions()['harness-opt']}")
+        context.exit()
+
+
+_CODES = (
+    "Exit codes: 0 all limits hold, 1 a limit is violated or no design holds them, 2 bad input, "
+    "3 a shape could not be found, 130 interrupted."
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]}, epilog=_CODES)
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Show it.")
+def commands() -> None:
+    """Shapes, clearances and redesign of cables between moving clamps.
+
+    \b
+    harness-opt check problems/lift_arm/lift_arm.toml
+    harness-opt simulate problems/lift_arm/lift_arm.toml
+    harness-opt redesign problems/lift_arm/lift_arm.toml -o results/better
+    harness-opt show results/better
+    harness-opt new my_cable
+    """
+
+
+# --- commands ------------------------------------------------------------------------------------------
+
+
+@commands.command()
+@_file
+@_as_json
+@_folders
+def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
+    """Validate FILE and say what would be solved; nothing is written.
+
+    \b
+    harness-opt check problems/lift_arm/lift_arm.toml
+    """
+    from harness_opt.files.read import read_problem
+    from harness_opt.parts.scene import load_scene
+    from harness_opt.report.description import description, facts
+
+    problem = read_problem(file, folders)
+    with naming(file):
+        content = facts(problem, load_scene(problem))
+    if not as_json:
+        _say(description(problem, content))
+        return 0
+    from harness_opt.report import summary as report
+
+    head = {"schema": report.SCHEMA, "command": "check", "problem": report.problem_words(problem)}
+    _say(report.as_json(head | {"versions": report.versions(), "status": "ok"} | content))
+    return 0
+
+
+@commands.command()
+@_running
+@_folders
+@_seconds
+@_compiling
+@click.option("--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
+@click.option("--out-and-back", is_flag=True, help="Go through the motion and back: shows which snaps stay.")
+@click.option("--elements", type=click.IntRange(1, MOST_ELEMENTS), help="Least number of elements of a cable.")
+@click.option("--solver", type=click.Choice(SOLVERS), help="Way to solve; gauss-newton where left out.")
+@click.option("--transcription", type=click.Choice(TRANSCRIPTIONS), help="collocation, or dqm: the paper's.")
+@click.option("--points", type=int, metavar="N", help="Of dqm, 5 to 200; as many as it takes where left out.")
+@click.option("--closure", is_flag=True, default=None, help="Of dqm: with the length closure (25).")
+@click.option("--tolerance", type=_Positive(), help="Error allowed in a shape, in lengths of the cable.")
+@click.option(
+    "--clearance-tolerance", type=_Positive(), metavar="M",
+    help="How certain the smallest clearances are wanted, m; 1 % of the cable's diameter where left out.",
+)  # fmt: skip
+def simulate(
+    file: Path,
+    folder: Path | None,
+    as_json: bool,
+    quiet: bool,
+    pictures: bool,
+    *,
+    folders: tuple[Path, ...],
+    seconds: float | None,
+    out_and_back: bool,
+    clearance_tolerance: float | None,
+    **numerics: Any,
+) -> int:
+    """Simulate the whole motion of FILE: shapes, clearances, limits, verdict.
+
+    \b
+    harness-opt simulate problems/lift_arm/lift_arm.toml
+    harness-opt simulate lift_arm.toml -o results/fine --spatial-step 0.002 --json
+    """
+    chosen = {name: value for name, value in numerics.items() if value is not None}
+
+    def solve(problem: Problem, progress: Shown) -> Motion:
+        from harness_opt.motion.simulate import simulate
+
+        if out_and_back:
+            problem = dataclasses.replace(problem, out_and_back=True)
+        return simulate(problem, progress=progress, throw=False, **chosen)
+
+    wanted = Wanted(folder, as_json, quiet, pictures, clearance_tolerance, seconds, folders)
+    return run("simulate", file, wanted, solve, VOICE)
+
+
+@commands.command()
+@_running
+@_folders
+@_seconds
+@_compiling
+@click.option(
+    "--pareto", metavar="FIRST,SECOND",
+    help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
+    "for each point. Of length, change, clearance, bend_radius, twist, clamp_force, clamp_moment.",
+)  # fmt: skip
+def redesign(
+    file: Path,
+    folder: Path | None,
+    as_json: bool,
+    quiet: bool,
+    pictures: bool,
+    *,
+    folders: tuple[Path, ...],
+    seconds: float | None,
+    pareto: str | None,
+) -> int:
+    """Change the design of FILE as little as holds every limit over the whole motion.
+
+    DIR/redesigned.toml is a problem file that simulate passes. A redesign that was interrupted goes on where it was.
+
+    \b
+    harness-opt redesign problems/lift_arm/lift_arm.toml -o results/better
+    harness-opt redesign problems/door/door.toml --pareto change,clearance
+    harness-opt simulate results/better/redesigned.toml
+    """
+
+    def solve(problem: Problem, progress: Shown) -> Redesign:
+        from harness_opt.cli.redesign import redesigned
+
+        return redesigned(problem, progress, folder or Path("results") / file.stem, pareto)
+
+    wanted = Wanted(folder, as_json, quiet, pictures, seconds=seconds, folders=folders)
+    return run("redesign", file, wanted, solve, VOICE)
+
+
+@commands.command()
+@_file
+@click.option(
+    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder of what it finds; results/<name of FILE> where left out.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
+@_compiling
+@click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
+@_as_json
+@_folders
+@click.option("--quiet", "-q", is_flag=True, help="No progress and no table.")
+def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: Any) -> int:
+    """Run every variant that the study FILE describes; started again, it goes on where it was.
+
+    DIR holds variants.csv, a row a variant, and study.sqlite, which keeps what is finished.
+
+    \b
+    harness-opt study problems/lift_arm/tolerances.toml
+    harness-opt study tolerances.toml --scheduler tcp://cluster:8786
+    """
+    from harness_opt.cli.study import Asked, run_study
+
+    return run_study(file, Asked(folder, folders=folders, **asked), VOICE)
+
+
+@commands.command()
+@_file
+@click.option(
+    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+    help="Folder for table and chart; results/<name of FILE>_sensitivity where left out.",
+)  # fmt: skip
+@_as_json
+@_folders
+def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:
+    """Say what moves the worst clearance of FILE most, per millimetre, degree and percent.
+
+    FILE is a problem, or a study, whose tolerances are then weighed in.
+
+    \b
+    harness-opt sensitivity problems/lift_arm/lift_arm.toml
+    """
+    from harness_opt.cli.sensitivity import run_sensitivity
+
+    return run_sensitivity(file, folder, as_json, VOICE, folders)
+
+
+@commands.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@_folders
+def show(folder: Path, folders: tuple[Path, ...]) -> int:
+    """Show the result in DIR in a window, to turn about and to scrub along the motion.
+
+    \b
+    harness-opt show results/lift_arm
+    """
+    from harness_opt.report.summary import read_results
+
+    read_results(folder)  # says what is wrong with the folder, if anything
+    try:
+        from harness_opt.pictures import stills as pictures
+
+        pictures.show(folder, folders)
+    except Exception as error:  # no pyvista, no display, no OpenGL: as many errors as there are computers
+        _tell(f"No window can be shown: {remedied(error)}")
+        return BAD_INPUT
+    return 0
+
+
+@commands.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--to", "kinds", multiple=True, required=True, type=click.Choice(EXPORTS), help="May be given several times."
+)
+@click.option(
+    "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
+)
+@_folders
+def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: tuple[Path, ...]) -> int:
+    """Write the result in DIR for other programs.
+
+    paraview: motion.pvd, with curvature, clearance and loads as arrays; csv: a table of each cable's centreline in
+    every frame; gltf: motion.glb, animated; stl: the volume that each cable sweeps, for CAD.
+
+    \b
+    harness-opt export results/lift_arm --to paraview --to csv
+    harness-opt export results/lift_arm --to stl -o for_cad
+    """
+    from harness_opt.files.result_folder import add_file
+    from harness_opt.pictures.export import export
+    from harness_opt.report.summary import read_results
+
+    read_results(folder)  # says what is wrong with the folder, if anything
+    try:
+        for kind in kinds:
+            for line in export(folder, kind, target or folder / EXPORT_FOLDER, folders):
+                _say(line)
+    except HarnessError as error:
+        if isinstance(error, ProblemError):
+            raise
+        _tell(f"Nothing exported to {kind}: {remedied(error)}")
+        return BAD_INPUT
+    if target is None:
+        add_file(folder, EXPORT_FOLDER)
+    return 0
+
+
+@commands.command()
+@click.argument("name", type=click.Path(path_type=Path))
+def new(name: Path) -> int:
+    """Write NAME.toml, a problem file with comments that runs as it stands, to change into your own.
+
+    \b
+    harness-opt new my_cable
+    harness-opt simulate my_cable.toml
+    """
+    from harness_opt.cli.template import write_template
+
+    file = write_template(name)
+    _say(f"{file}\nNext: harness-opt check {file}, then harness-opt simulate {file}")
+    return 0
+
+
+@commands.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> int:
+    """Print what makes SHELL complete commands, options and files.
+
+    \b
+    harness-opt completion bash >> ~/.bashrc
+    harness-opt completion fish > ~/.config/fish/completions/harness-opt.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    complete = get_completion_class(shell)
+    if complete is None:
+        raise click.UsageError(f"found no completion for {shell}")
+    _say(complete(commands, {}, "harness-opt", "_HARNESS_OPT_COMPLETE").source())
+    return 0
+
+
+@commands.command()
+def schema() -> int:
+    """Print the JSON Schema of problem files, for editors.
+
+    \b
+    harness-opt schema > problem.schema.json
+    """
+    import json
+
+    from harness_opt.files.read import schema
+
+    _say(json.dumps(schema(), indent=2))
+    return 0

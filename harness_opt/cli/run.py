@@ -1,0 +1,239 @@
+"""One run of the command line: read, solve, measure, write, draw and tell, in an order in which nothing is lost."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness_opt.cli.progress import Interrupts, Shown, progress_for
+from harness_opt.errors import HarnessError, ProblemError, SolveError, Status
+
+if TYPE_CHECKING:
+    from harness_opt.clearance.measure import ClearanceResult
+    from harness_opt.design.nominal import Redesign
+    from harness_opt.model.problem import Problem
+    from harness_opt.model.results import Motion
+    from harness_opt.parts.scene import Scene
+
+    Solve = Callable[[Problem, Shown], Motion | Redesign]
+    _Found = tuple[Motion | Redesign, ClearanceResult | None, str]  # with the command that found it
+    _Summary = dict[str, Any]
+
+BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
+EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
+REMEDY = 'pip install "harness-opt[pictures]"'
+
+
+@dataclass(frozen=True)
+class Voice:
+    """What the user is told by: results, messages a line each, and a line from inside a signal handler."""
+
+    say: Callable[[str], None]
+    tell: Callable[..., None]
+    warn: Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user wants to be shown and kept; ``folder`` is None for the usual place.
+
+    ``tolerance`` is that of the clearances, m, or None; ``seconds`` the time limit, or None; ``folders`` are where
+    files may come from beside the problem's own.
+    """
+
+    folder: Path | None
+    as_json: bool
+    quiet: bool
+    pictures: bool
+    tolerance: float | None = None
+    seconds: float | None = None
+    folders: tuple[Path, ...] = ()
+
+
+@contextlib.contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Put the name of ``file`` before mistakes that come without."""
+    try:
+        yield
+    except ProblemError as error:
+        raise ProblemError(
+            line if line.startswith(str(file)) else f"{file}: {line}" for line in error.mistakes
+        ) from None
+
+
+def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) -> int:
+    """Read, solve, measure, write, draw and tell; return the exit code.
+
+    Args:
+        command: "simulate" or "redesign".
+        file: of the problem.
+        wanted: what to show and to keep.
+        solve: finds the motion, or the design.
+        voice: what the user is told by.
+
+    Raises:
+        ProblemError: bad input, or a folder that cannot be written.
+    """
+    begin = time.perf_counter()
+    from harness_opt.files.read import read_problem
+    from harness_opt.files.result_folder import check_target
+    from harness_opt.model.plausibility import doubts
+    from harness_opt.parts.scene import load_scene
+    from harness_opt.report.summary import input_files, timed
+
+    problem = read_problem(file, wanted.folders)
+    folder = wanted.folder or Path("results") / file.stem
+    check_target(folder, input_files(problem))  # now, and not after an hour of solving
+    with naming(file):
+        scene = load_scene(problem)
+    if not wanted.quiet:
+        voice.tell(*(f"{file}: {warning}" for warning in (*doubts(problem), *scene.warnings)))
+    loaded = time.perf_counter() - begin
+    with Interrupts(voice.warn, None if wanted.seconds is None else wanted.seconds - loaded) as interrupts:
+        with naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
+            result = _solved(problem, solve, progress, interrupts)
+        result = _timely(result, wanted.seconds, interrupts)
+        result, measured = _measured(result, scene, wanted.tolerance, interrupts.stopping)
+        result = timed(result, load=loaded, total=time.perf_counter() - begin)
+        part = result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
+        summary, place = _kept(wanted, folder, part, (result, measured, command), voice)
+        interrupts.patient = False
+        try:
+            interrupts.stop_here()
+            if wanted.pictures and summary["frames"]:
+                with interrupts.cut_off():
+                    summary = _with_pictures(folder, (result, measured, command), scene, voice)
+        except KeyboardInterrupt:
+            if not interrupts.late:
+                interrupts.asked = True
+        except ProblemError:
+            _show(wanted, summary, place, voice)  # what stands is not lost with the disk
+            raise
+    _show(wanted, summary, place, voice)
+    return INTERRUPTED if interrupts.asked else EXIT[summary["status"]]
+
+
+def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[_Summary, Path | None]:
+    """Write what was found; return its summary and the folder, or None where nothing was written."""
+    from harness_opt.report.summary import summary, write_results
+
+    result, measured, command = found
+    if interrupted:
+        content = summary(result, measured, command=command)
+        if not content["frames"]:
+            return content, None  # an earlier result is worth more
+    if interrupted and _is_whole(folder):
+        from harness_opt.files.result_folder import ASIDE
+
+        folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
+    try:
+        return write_results(result, folder, measured=measured, command=command), folder
+    except ProblemError:  # what was found is not lost with the disk
+        _show(wanted, summary(result, measured, command=command), None, voice)
+        raise
+
+
+def _is_whole(folder: Path) -> bool:
+    """Return whether ``folder`` holds a result of a run that went to its end."""
+    from harness_opt.files.result_folder import read_summary
+
+    earlier = read_summary(folder)
+    parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
+    return earlier is not None and earlier.get("reason") not in parts
+
+
+def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -> None:
+    """Print the summary, and where it was written, if it was."""
+    from harness_opt.report.summary import as_json
+    from harness_opt.report.words import advice, report
+
+    if wanted.as_json:
+        voice.say(as_json(summary))
+    where = "Nothing was written." if place is None else f"Results: {place}{os.sep}"
+    if not wanted.quiet:
+        text = "\n".join([report(summary), where, *advice(summary, place)])
+        (voice.tell if wanted.as_json else voice.say)(text)
+    elif summary["status"] == "unsolved":
+        voice.tell(summary["message"])
+
+
+def _solved(problem: Problem, solve: Solve, progress: Shown, interrupts: Interrupts) -> Motion | Redesign:
+    """Return what ``solve`` finds, or what it had found when it gave up."""
+    try:
+        interrupts.stop_here()
+        with interrupts.cut_off():
+            return solve(problem, progress)
+    except SolveError as error:
+        partial, status, message = error.partial, error.status, str(error)
+    except KeyboardInterrupt:
+        partial, status, message = None, Status.INTERRUPTED, Status.INTERRUPTED.value
+    if partial is None:
+        import numpy as np
+
+        from harness_opt.model.results import Motion
+
+        partial = Motion(problem, np.zeros(0), {})
+    return dataclasses.replace(partial, status=status, message=message)
+
+
+def _timely(result: Motion | Redesign, seconds: float | None, interrupts: Interrupts) -> Motion | Redesign:
+    """Return ``result``; where the time limit ended the solve, with that for a reason."""
+    if result.status is not Status.INTERRUPTED or interrupts.asked or not interrupts.late:
+        return result
+    message = f"{Status.TIME_LIMIT.value}, {seconds:g} s; try a longer --time-limit, or a larger motion.spatial_step"
+    return dataclasses.replace(result, status=Status.TIME_LIMIT, message=message)
+
+
+def _measured(
+    result: Motion | Redesign, scene: Scene, tolerance: float | None, stop: Callable[[], bool]
+) -> tuple[Motion | Redesign, ClearanceResult | None]:
+    """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
+    from harness_opt.model.results import Motion
+    from harness_opt.report.summary import clearances, timed
+
+    if not isinstance(result, Motion):
+        return result, None
+    begin = time.perf_counter()
+    measured = clearances(result, scene, tolerance=tolerance, stop=stop)
+    return timed(result, clearance=time.perf_counter() - begin), measured
+
+
+def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _Summary:
+    """Write the results again with a report, and then with pictures; where none can be drawn say why.
+
+    The results stand already, and the report before the pictures, so that nothing that a graphics driver does can
+    cost them.
+    """
+    from harness_opt.report.html_page import prepare, write_page
+    from harness_opt.report.summary import timed, write_results
+
+    result, measured, command = found
+    begin = time.perf_counter()
+    page = functools.partial(write_page, prepare(result, measured, scene))
+    result = timed(result, report=time.perf_counter() - begin)
+    content = write_results(result, folder, measured=measured, command=command, page=page)
+    try:
+        from harness_opt.pictures.film import write_pictures_and_film
+
+        draw = functools.partial(write_pictures_and_film, clearances=measured)
+        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page)
+    except ProblemError:  # the folder cannot be written any more
+        raise
+    except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers
+        voice.tell(f"Pictures left out: {remedied(error)}")
+        return content
+
+
+def remedied(error: Exception) -> str:
+    """Return the first line of an error about pictures, and what to do about it."""
+    words = next(iter(str(error).splitlines()), "") or type(error).__name__
+    missing = isinstance(error, ImportError) or isinstance(error.__cause__, ImportError)
+    return words if isinstance(error, HarnessError) and not missing else f"{words}; try {REMEDY}"

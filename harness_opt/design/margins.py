@@ -1,0 +1,206 @@
+"""Every limit of a simulated design as scaled margins with their derivatives: what the quadratic program sees.
+
+A margin is scaled so that 0 holds and -1 is far off: clearance by the limit plus the cable's radius, the others by
+their limit. Clearances are linearised at their witnesses, where the rate is the normal times the rate of the
+cable's point; bend radius, twist and clamp loads at the worst stations of every frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness_opt.clearance.centreline import Curve
+from harness_opt.clearance.limits import limit_label
+from harness_opt.clearance.measure import ClearanceResult, PairClearance
+from harness_opt.clearance.to_cable import arc_apart
+from harness_opt.clearance.witnesses import Witnesses
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import CableMotion, Motion
+from harness_opt.motion.shape_rates import ShapeRates
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices
+
+TINY = 1e-12  # keeps the direction of a vanishing vector finite
+NEARLY = 0.7  # of the worst in a frame: local maxima from here on are linearised too, as the worst may move there
+AT_END = 1e-9  # of the length: a witness this near to the edge of what counts stands there
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Scaled margins (m,) that must be >= 0, their rates (m, k) per unit of the variables, their limits' names, frames
+    (m,), and what a scaled margin of 1 is in SI units, to first order, (m,).
+    """
+
+    margin: Array
+    rate: Array
+    name: tuple[str, ...]
+    frame: Indices
+    scale: Array
+
+    @staticmethod
+    def joined(several: Sequence[Rows]) -> Rows:
+        """Return the rows of all ``several`` in one."""
+        return Rows(
+            np.concatenate([rows.margin for rows in several]),
+            np.concatenate([rows.rate for rows in several]),
+            tuple(name for rows in several for name in rows.name),
+            np.concatenate([rows.frame for rows in several]),
+            np.concatenate([rows.scale for rows in several]),
+        )
+
+
+def scale_of(name: str, limit: float, radius: float) -> float:
+    """Return what the margin of the limit ``name`` is divided by, in its unit; ``radius`` of the cable, m."""
+    return limit + radius if name == "clearance" else limit
+
+
+def linearised(
+    problem: Problem,
+    motion: Motion,
+    clearances: ClearanceResult,
+    rates: Mapping[str, ShapeRates],
+    asked: Mapping[str, float],
+    variables: int,
+) -> Rows:
+    """Return the rows of all limits.
+
+    Args:
+        problem: the design simulated.
+        motion, clearances: of that design.
+        rates: of its shapes, by cable; empty leaves the rates of the rows at zero.
+        asked: what is asked for beyond each limit, in its scale; must know every limit's name.
+        variables: k.
+    """
+    rows = [
+        _clearance_rows(problem, pair, motion, rates, asked, variables)
+        for pair in clearances.pairs
+        if pair.limit is not None
+    ]
+    for name in motion.cables:
+        rows += _cable_rows(problem, name, motion, rates.get(name), asked, variables)
+    if not rows:  # every pair was left out: nothing can be near its limit
+        return Rows(np.ones(1), np.zeros((1, variables)), ("no limit",), np.zeros(1, dtype=int), np.ones(1))
+    return Rows.joined(rows)
+
+
+def _clearance_rows(
+    problem: Problem,
+    pair: PairClearance,
+    motion: Motion,
+    rates: Mapping[str, ShapeRates],
+    asked: Mapping[str, float],
+    variables: int,
+) -> Rows:
+    """Linearise a pair's clearance at its witnesses, and at the nearest point of every frame."""
+    found = pair.witnesses
+    missing = np.setdiff1d(pair.nearest.frame, found.frame)
+    name = limit_label("clearance", pair.cable, pair.obstacle)
+    limit = pair.limit or 0.0
+    scale = scale_of("clearance", limit, problem.cables[pair.cable].cable.radius)
+    witnesses = Witnesses.joined([found, pair.nearest.take(missing)])
+    slope = np.zeros((len(witnesses.frame), variables))
+    if rates:
+        slope = np.einsum("wc,wck->wk", witnesses.normal, _approach(problem, pair, motion, rates, witnesses))
+        slope /= scale
+    margin = (witnesses.clearance - limit) / scale - asked[name]
+    return Rows(margin, slope, (name,) * len(margin), witnesses.frame, np.full(len(margin), scale))
+
+
+def _approach(
+    problem: Problem, pair: PairClearance, motion: Motion, rates: Mapping[str, ShapeRates], witnesses: Witnesses
+) -> Array:
+    """Return the rates (W, 3, k) of the cable's points at ``witnesses``, less those of the points they are nearest to.
+
+    Where the nearest point is the nearest of all, along the cable nothing changes to first order, and a point at a
+    fixed share of the length will do. Where it stands at the edge of what counts, that edge stays at its distance from
+    the end of the cable; and of two points of one cable that are the least arc apart that arc stays.
+    """
+    shapes, own, s = motion.cables[pair.cable], rates[pair.cable], witnesses.arc_length
+    length = shapes.s[-1]
+    moved = at_stations(own.position, shapes.s, witnesses.frame, s)
+    if not pair.obstacle.startswith("cable:"):
+        # points at a fixed share of a growing length run along the cable: those at the edges are called back
+        at_start = np.abs(s - pair.excluded[0]) < AT_END * length
+        at_end = np.abs(length - pair.excluded[1] - s) < AT_END * length
+        excess = np.where(at_start, -s, np.where(at_end, length - s, 0.0)) / length
+        return moved + _along(shapes, witnesses.frame, s, excess, own.length)
+    other, t = pair.obstacle.removeprefix("cable:"), witnesses.other_arc_length
+    others = motion.cables[other]
+    moved = moved - at_stations(rates[other].position, others.s, witnesses.frame, t)
+    if other == pair.cable:
+        gap = arc_apart(problem.cables[other].cable.radius, pair.limit)
+        excess = np.where(np.abs(t - s - gap) < AT_END * length, gap / length, 0.0)
+        moved = moved + _along(shapes, witnesses.frame, t, excess, own.length)
+    return moved
+
+
+def _along(shapes: CableMotion, frame: Indices, s: Array, excess: Array, length: Array) -> Array:
+    """Return rates (W, 3, k) along the cable at ``s`` (W,), of ``excess`` (W,) for each of the length's rates (k,)."""
+    tangent = Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion)).slope(frame, s)
+    return (excess[:, None] * tangent)[:, :, None] * length
+
+
+def _cable_rows(
+    problem: Problem,
+    cable: str,
+    motion: Motion,
+    rates: ShapeRates | None,
+    asked: Mapping[str, float],
+    variables: int,
+) -> list[Rows]:
+    """Linearise bend radius, twist and clamp loads at the worst stations of every frame."""
+    limits, shapes, rows = problem.limits, motion.cables[cable], []
+    everywhere, clamps = np.arange(len(shapes.s)), np.array([0, len(shapes.s) - 1])
+    bend = None if limits.bend_radius is None else 1.0 / limits.bend_radius
+    for quantity, limit, part, stations, label in (
+        ("curvature", bend, slice(0, 2), everywhere, "bend_radius"),
+        ("curvature", limits.twist, slice(2, 3), everywhere, "twist"),
+        ("force", limits.clamp_force, slice(0, 3), clamps, "clamp_force"),
+        ("moment", limits.clamp_moment, slice(0, 3), clamps, "clamp_moment"),
+    ):
+        if limit is None:
+            continue
+        vector = getattr(shapes, quantity)[..., part]
+        size = np.linalg.norm(vector, axis=-1)
+        frame, at = np.nonzero(worst_places(size[:, stations]))
+        station = stations[at]
+        worst = size[frame, station]
+        slope = np.zeros((len(frame), variables))
+        if rates is not None:
+            unit = vector[frame, station] / np.maximum(worst, TINY)[:, None]
+            slope = -np.einsum("wc,wck->wk", unit, getattr(rates, quantity)[frame, station, part]) / limit
+        name = limit_label(label, cable, None)
+        scale = np.full(len(frame), 1.0 / limit if label == "bend_radius" else limit)
+        rows.append(Rows(1.0 - worst / limit - asked[name], slope, (name,) * len(frame), frame, scale))
+    return rows
+
+
+def worst_places(size: Array) -> NDArray[np.bool_]:
+    """Return where (P, N) each frame's largest ``size`` (P, N) stands, and its other local maxima near to that."""
+    padded = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
+    peak = (size > padded[:, :-2]) & (size >= padded[:, 2:])
+    found = peak & (size >= NEARLY * np.max(size, axis=1, keepdims=True))
+    found[np.arange(len(size)), np.argmax(size, axis=1)] = True
+    return found
+
+
+def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Array:
+    """Return rates (W, 3, k) at ``arc_length`` (W,) of ``frame`` (W,) from those at stations (P, N, 3, k): cubic
+    Lagrange interpolation on the four stations around."""
+    spacing = s[1] - s[0]
+    first = np.clip((arc_length / spacing).astype(int) - 1, 0, len(s) - 4)
+    t = arc_length / spacing - first
+    weights = np.stack(
+        [
+            (1 - t) * (2 - t) * (3 - t) / 6,
+            t * (2 - t) * (3 - t) / 2,
+            t * (t - 1) * (3 - t) / 2,
+            t * (t - 1) * (t - 2) / 6,
+        ]
+    )
+    return np.sum([weights[i][:, None, None] * rates[frame, first + i] for i in range(4)], axis=0)

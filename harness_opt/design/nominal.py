@@ -1,0 +1,280 @@
+"""The outer loop: change length and clamp poses as little as possible until every limit holds over the whole motion.
+
+The search is :mod:`harness_opt.design.sqp`, over several starts :mod:`harness_opt.design.search`, which verifies its
+end on twice the frames and twice the elements.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.design.objective import Goal, goal_of
+from harness_opt.design.prices import Price, prices
+from harness_opt.design.relaxations import Relaxation, relaxations
+from harness_opt.design.robustness import Robustness
+from harness_opt.design.search import Verified, verified
+from harness_opt.design.sqp import Step
+from harness_opt.design.trade_off import TradeOff, check_pair, trade_off
+from harness_opt.design.trial import GUARD, Trial, Trials
+from harness_opt.errors import ProblemError, SolveError, Status
+from harness_opt.model import design_variables
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import LimitResult, Motion
+from harness_opt.motion.follower import Progress
+from harness_opt.motion.simulate import simulate
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.threads import one_thread
+from harness_opt.parts.scene import load_scene
+
+Watch = Callable[[Step], None]
+AT_BOUND = 1e-6  # of a variable's range: this near to a bound it stands at it
+
+
+@dataclass(frozen=True)
+class VariableResult:
+    """One design variable before and after, with its bounds, in the unit of its key."""
+
+    before: float
+    after: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Redesign:
+    """What a redesign found.
+
+    Args:
+        problem: the redesigned problem; ``harness_opt.write_problem`` writes it.
+        original: the problem it came from.
+        motion: of the redesigned problem, on twice the frames and twice the elements.
+        clearances: of that motion.
+        limits: rows of that motion; all margins are >= 0 where ``ok``.
+        limits_before: rows of the original design.
+        motion_before: of the original design.
+        variables: before and after, by name.
+        iterations: quadratic programs solved.
+        history: of the iterations.
+        active: what holds the design where it is: limits by name, and variables at a bound.
+        moved: what did not stand where the design may begin, by name: where it stood, and where it was moved to first.
+        relaxations: where no design holds all limits, what giving way in one of them or in one bound would do.
+        prices: where all hold, what those cost that hold the design where it is.
+        feasible: whether all limits hold.
+        status: OK, or why a design could not be simulated.
+        message: for the user; empty where all is well.
+        timing: seconds by phase.
+        trade_off: of the two quantities that were asked for; None where none were.
+        robust: how it fares within the tolerances of the problem; None where that states none.
+    """
+
+    problem: Problem
+    original: Problem
+    motion: Motion
+    clearances: ClearanceResult
+    limits: tuple[LimitResult, ...]
+    limits_before: tuple[LimitResult, ...]
+    motion_before: Motion
+    variables: Mapping[str, VariableResult]
+    iterations: int
+    history: tuple[Step, ...]
+    active: tuple[str, ...]
+    moved: Mapping[str, tuple[float, float]]
+    relaxations: tuple[Relaxation, ...]
+    prices: tuple[Price, ...]
+    feasible: bool
+    status: Status = Status.OK
+    message: str = ""
+    timing: Mapping[str, float] = field(default_factory=dict)
+    trade_off: TradeOff | None = None
+    robust: Robustness | None = None
+
+    @property
+    def ok(self) -> bool:
+        """True where every shape was found and every limit holds."""
+        return self.status.ok and self.feasible
+
+
+def check_design(problem: Problem) -> None:
+    """Raise ProblemError where ``problem`` has nothing to redesign or nothing to hold."""
+    mistakes = []
+    if not problem.design.variables:
+        some = ", ".join(design_variables.names(problem)[:3])
+        mistakes.append(f"design.variables: found none, expected at least one, such as {some}")
+    limits = dataclasses.asdict(problem.limits).values()
+    if all(limit is None for limit in limits) and all(part.clearance is None for part in problem.parts.values()):
+        mistakes.append("limits: found none, expected at least one limit for the redesign to hold")
+    if mistakes:
+        raise ProblemError(mistakes)
+
+
+def _active(trial: Trial, problem: Problem, goal: Goal) -> tuple[str, ...]:
+    """Return what holds the design where it is: limits near their bound, and variables at theirs."""
+    near = dict.fromkeys(
+        name for name, margin in zip(trial.rows.name, trial.rows.margin, strict=True) if margin < 2.0 * GUARD
+    )
+    at_bound = [
+        f"{v.name} at its {side} bound"
+        for v, value, width in zip(problem.design.variables, trial.values, goal.range, strict=True)
+        for side, bound in (("lower", v.lower), ("upper", v.upper))
+        if abs(value - bound) < AT_BOUND * width
+    ]
+    return (*near, *at_bound)
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """A redesign that was interrupted, to go on from.
+
+    Args:
+        values: of its best design, by name.
+        history: its iterations.
+    """
+
+    values: Mapping[str, float]
+    history: tuple[Step, ...] = ()
+
+
+class _Log:
+    """The history of a redesign, and the best design met so far."""
+
+    def __init__(self, first: Trial | None, earlier: Earlier | None, watch: Watch | None):
+        self.history: list[Step] = [] if earlier is None else list(earlier.history)
+        self.best = first
+        self._watch = watch
+
+    def __call__(self, step: Step, best: Trial) -> None:
+        self.history.append(step)
+        self.best = best
+        if self._watch:
+            self._watch(step)
+
+
+@one_thread
+def redesign(
+    problem: Problem,
+    *,
+    solver: str = "gauss-newton",
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+    earlier: Earlier | None = None,
+    pareto: tuple[str, str] | None = None,
+    asked: Mapping[str, float] | None = None,
+    throw: bool = True,
+) -> Redesign:
+    """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
+
+    Args:
+        problem: with design variables and limits.
+        solver: name, as in :func:`harness_opt.equilibrium`.
+        progress: called with every frame, as in :func:`harness_opt.simulate`.
+        watch: called with every iteration.
+        pareto: two quantities whose trade-off curve is wanted too, as in
+            :func:`harness_opt.design.trade_off.quantities`.
+        earlier: a redesign of the same problem that was interrupted, to go on from.
+        asked: margins to hold, by limit, as a share of it: what tolerances take from it; none where left out.
+        throw: raise where no shape can be found, or return the failed result.
+
+    Raises:
+        ProblemError: no variables or no limits; a mesh that cannot be used.
+        SolveError: the original design cannot be simulated, not even moved inside its bounds.
+    """
+    check_design(problem)
+    if pareto is not None:
+        check_pair(problem, pareto)
+    begin = time.perf_counter()
+    scene = load_scene(problem)
+    loaded = time.perf_counter()
+    trials, goal = Trials(problem, scene, solver, progress), goal_of(problem)
+    for name, margin in (asked or {}).items():
+        trials.asked[name] += margin
+    moved = design_variables.moved(problem)
+    first = trials(_begin(problem, goal, earlier), None)
+    if moved or earlier or first is None:
+        motion_before = simulate(problem, solver=solver, progress=progress, throw=False)
+        clearances_before = measure(problem, scene, motion_before.motion, motion_before.cables)
+    else:
+        motion_before, clearances_before = first.motion, first.clearances
+    limits_before = all_limits(problem, motion_before, clearances_before) if len(motion_before.motion) else ()
+    status, message = Status.OK, ""
+    log = _Log(first, earlier, watch)
+    curve: TradeOff | None = None
+    told: tuple[tuple[Relaxation, ...], tuple[Price, ...]] = ((), ())
+    if first is None:
+        status = Status.STEP_TOO_SMALL if motion_before.ok else motion_before.status
+        message = motion_before.message or "the design moved inside its bounds cannot be simulated"
+        ends = _Ends(design_variables.values(problem), motion_before, clearances_before, limits_before, (), False)
+    else:
+        try:
+            found = verified(trials, goal, first, log)
+            ends = _ends_of(found, problem, goal)
+            status, message = found.motion.status, found.motion.message
+            if status.ok:
+                told = _reasons(trials, goal, found, log)
+            if status.ok and pareto is not None:
+                curve = trade_off(trials, _named(problem, ends.values), pareto, log)
+        except KeyboardInterrupt:  # raised by ``progress``: the best design met is kept, verified or not
+            status = Status.INTERRUPTED
+            message = status.value
+            ends = _unverified(log.best or first, problem, goal)
+    variables = {
+        v.name: VariableResult(float(b), float(a), v.lower, v.upper)
+        for v, b, a in zip(problem.design.variables, design_variables.values(problem), ends.values, strict=True)
+    }
+    result = Redesign(
+        ends.motion.problem, problem, ends.motion, ends.clearances, ends.rows, limits_before, motion_before, variables,
+        len(log.history), tuple(log.history), ends.active, moved, *told, status.ok and ends.holds, status, message,
+        {"load": loaded - begin, "solve": time.perf_counter() - loaded}, curve,
+    )  # fmt: skip
+    if throw and not status.ok:
+        raise SolveError(message, status, result)
+    return result
+
+
+def _begin(problem: Problem, goal: Goal, earlier: Earlier | None) -> Array:
+    """Return the values (k,) of the first design."""
+    if earlier is None:
+        return goal.centre
+    return np.clip([earlier.values[v.name] for v in problem.design.variables], goal.lower, goal.upper)
+
+
+def _named(problem: Problem, values: Array) -> dict[str, float]:
+    return dict(zip((v.name for v in problem.design.variables), values.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """Where a redesign ends: values (k,), their motion and its limits, what holds them, and whether all is well."""
+
+    values: Array
+    motion: Motion
+    clearances: ClearanceResult
+    rows: tuple[LimitResult, ...]
+    active: tuple[str, ...]
+    holds: bool
+
+
+def _ends_of(found: Verified, problem: Problem, goal: Goal) -> _Ends:
+    holds = found.holds(snaps=goal.snaps)
+    active = _active(found.trial, problem, goal)
+    return _Ends(found.trial.values, found.motion, found.clearances, found.rows, active, holds)
+
+
+def _unverified(best: Trial, problem: Problem, goal: Goal) -> _Ends:
+    rows = all_limits(best.motion.problem, best.motion, best.clearances)
+    return _Ends(best.values, best.motion, best.clearances, rows, _active(best, problem, goal), False)
+
+
+def _reasons(
+    trials: Trials, goal: Goal, found: Verified, log: _Log
+) -> tuple[tuple[Relaxation, ...], tuple[Price, ...]]:
+    """Return what would have to give where a limit is violated, and what limits and bounds cost where none is."""
+    if found.holds(snaps=goal.snaps):
+        return (), prices(trials.problem, goal, found.trial)
+    return relaxations(trials, goal, found.trial, log), ()

@@ -1,0 +1,189 @@
+"""What a search over designs is after: least change, least length, the largest margin, the least violation, or the
+least relaxation of one limit or bound.
+
+Every goal is a quadratic function of the design in the bounds' ranges plus, where it has soft limits, the worst
+shortfall of those; all other limits are hard.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness_opt.design.margins import Rows
+from harness_opt.design.trial import HELD, SNAP_COST, Trial
+from harness_opt.model import design_variables
+from harness_opt.model.problem import Problem
+from harness_opt.numerics.quadratic_program import Program
+from harness_opt.numerics.rotations import Array
+
+ROWS = 400  # most linearised limits in a quadratic program, the tightest first
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """A bound that may be passed.
+
+    Args:
+        number: of the variable.
+        side: -1 lower, 1 upper.
+        reach: how far, in the variable's unit.
+    """
+
+    number: int
+    side: int
+    reach: float
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """A goal over k variables.
+
+    Args:
+        weights: of squared changes, in ranges, (k,).
+        centre: design from which changes count, (k,).
+        gradient: of the linear part, per range, (k,).
+        lower, upper: bounds, (k,).
+        range: unit of the variables' changes, (k,).
+        soft: names of the limits whose worst shortfall counts in the objective; None is all of them.
+        floor: the least that their shortfall counts for: 0 is content where they hold, -inf asks for margin.
+        snaps: whether snaps are allowed.
+        aim: in words.
+        beyond: a bound that may be passed at the cost of the excess in ranges; None is none.
+    """
+
+    weights: Array
+    centre: Array
+    gradient: Array
+    lower: Array
+    upper: Array
+    range: Array
+    soft: frozenset[str] | None = frozenset()
+    floor: float = 0.0
+    snaps: bool = False
+    beyond: Beyond | None = None
+    aim: str = "least change"
+
+    def limits(self) -> tuple[Array, Array]:
+        """Return the bounds (k,) that no step passes: one that may be passed is further out."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        if self.beyond is not None:
+            out = self.beyond.side * self.beyond.reach
+            (upper if out > 0 else lower)[self.beyond.number] += out
+        return lower, upper
+
+    def excess(self, values: Array) -> float:
+        """Return by how much ``values`` (k,) pass the bound that may be passed, in ranges; below 0 inside."""
+        if self.beyond is None:
+            return -np.inf
+        number, side = self.beyond.number, self.beyond.side
+        bound = self.upper[number] if side > 0 else self.lower[number]
+        return float(side * (values[number] - bound) / self.range[number])
+
+    def preference(self, values: Array) -> float:
+        """Return the part of the objective that ``values`` (k,) alone decide."""
+        change = (values - self.centre) / self.range
+        return 0.5 * float(self.weights @ change**2) + float(self.gradient @ ((values - self.lower) / self.range))
+
+    def _is_soft(self, rows: Rows) -> NDArray[np.bool_]:
+        if self.soft is None:
+            return np.ones(len(rows.name), dtype=bool)
+        return np.array([name in self.soft for name in rows.name], dtype=bool)
+
+    def objective(self, trial: Trial) -> float:
+        """Return the objective of ``trial``, of order one."""
+        smooth = self.preference(trial.values)
+        soft = self._is_soft(trial.rows)
+        if not np.any(soft) and self.beyond is None:
+            return smooth
+        shortfall = max(float(np.max(-trial.rows.margin[soft], initial=-np.inf)), self.excess(trial.values))
+        return smooth + max(shortfall, self.floor)
+
+    def violation(self, trial: Trial) -> float:
+        """Return by how much, in scales of a limit, the worst hard limit misses what is asked for; snaps on top."""
+        hard = ~self._is_soft(trial.rows)
+        worst = float(np.max(-trial.rows.margin[hard], initial=0.0))
+        return worst + (0.0 if self.snaps else SNAP_COST * len(trial.motion.snaps))
+
+    def held(self, trial: Trial) -> bool:
+        """Return whether the hard limits hold."""
+        return self.violation(trial) <= HELD
+
+    def better(self, a: Trial, b: Trial) -> bool:
+        """Return whether ``a`` is to be preferred to ``b``: less violation, then the lower objective."""
+        if self.held(a) and self.held(b):
+            return self.objective(a) < self.objective(b)
+        return self.violation(a) < self.violation(b)
+
+    def program(self, trial: Trial, trust: float, tried: Sequence[Trial] = ()) -> tuple[Program, tuple[str, ...]]:
+        """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and its rows' limits.
+
+        Args:
+            trial: where the step begins.
+            trust: its largest entry.
+            tried: designs nearby that were tried in vain: what they taught of the limits counts as well.
+        """
+        taught = [
+            dataclasses.replace(t.rows, margin=t.rows.margin + t.rows.rate @ (trial.values - t.values)) for t in tried
+        ]
+        rows = Rows.joined([trial.rows, *taught])
+        tightest = np.argsort(rows.margin, kind="stable")[:ROWS]
+        margin, rate, soft = rows.margin[tightest], rows.rate[tightest] * self.range, self._is_soft(rows)[tightest]
+        names = tuple(rows.name[i] for i in tightest)
+        if self.beyond is not None:
+            number, side = self.beyond.number, self.beyond.side
+            margin = np.append(margin, -self.excess(trial.values))
+            rate = np.vstack([rate, -side * np.eye(len(self.range))[number]])
+            soft, names = np.append(soft, True), (*names, "bound")
+        lower, upper = self.limits()
+        lowest = np.maximum((lower - trial.values) / self.range, -trust)
+        highest = np.minimum((upper - trial.values) / self.range, trust)
+        gradient = self.gradient + self.weights * (trial.values - self.centre) / self.range
+        return Program(self.weights, gradient, margin, rate, soft, self.floor, lowest, highest), names
+
+    def least_violation(self) -> Goal:
+        """Return the goal of violating all limits as little as can be, and nothing else; content where they hold."""
+        none = np.zeros_like(self.weights)
+        return dataclasses.replace(
+            self,
+            weights=none,
+            gradient=none,
+            soft=None,
+            floor=0.0,
+            beyond=None,
+            aim="least violation",
+        )
+
+    def relaxing(self, limits: frozenset[str] = frozenset(), bound: Beyond | None = None) -> Goal:
+        """Return the goal of passing ``limits``, or a bound as in ``beyond``, as little as can be; all others hold."""
+        none = np.zeros_like(self.weights)
+        return dataclasses.replace(
+            self, weights=none, gradient=none, soft=limits, floor=0.0, beyond=bound, aim="least relaxation"
+        )
+
+    def margin(self, limits: frozenset[str] | None) -> Goal:
+        """Return the goal of the largest worst margin of ``limits``, None for all; all others hold."""
+        none = np.zeros_like(self.weights)
+        return dataclasses.replace(
+            self, weights=none, gradient=none, soft=limits, floor=-np.inf, beyond=None, aim="largest margin"
+        )
+
+
+def goal_of(problem: Problem) -> Goal:
+    """Return what the redesign of ``problem`` asks for."""
+    lower, upper = design_variables.bounds(problem)
+    design = problem.design
+    width = upper - lower
+    none = np.zeros(len(width))
+    start = np.clip(design_variables.values(problem), lower, upper)
+    base = Goal(none, start, none, lower, upper, width, snaps=design.snaps)
+    if design.maximise == "margin":
+        return base.margin(None)
+    if design.minimise == "length":
+        whole = sum(run.cable.length for run in problem.cables.values())
+        return dataclasses.replace(base, gradient=design_variables.lengths(problem) * width / whole, aim="least length")
+    return dataclasses.replace(base, weights=np.array([design.weights.get(v.name, 1.0) for v in design.variables]))

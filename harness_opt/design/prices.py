@@ -1,0 +1,95 @@
+"""What the limits and bounds that hold a design where it is cost, to first order.
+
+The multipliers of the quadratic program at the best design are the rates of the objective with each limit and bound;
+and the rates of the limits' margins with the design variables tell what each variable buys. Nocedal and Wright,
+"Numerical Optimization", section 12.8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness_opt.design.limit_keys import limit_keys
+from harness_opt.design.objective import Goal
+from harness_opt.design.trial import Trial
+from harness_opt.model.problem import Problem
+from harness_opt.numerics.quadratic_program import solve
+
+NEAR = 1e-2  # trust region, in ranges, in which the multipliers are looked at
+AT_BOUND = 1e-4  # of a variable's range: this near to a bound it stands at it
+LEAST = 1e-6  # of the objective, for a whole limit or range: what costs less costs nothing
+
+
+@dataclass(frozen=True)
+class Price:
+    """What one limit or bound costs.
+
+    Args:
+        key: in the problem file, as ``limits.bend_radius``, ``parts.housing.clearance`` or
+            ``design.variables.lead.length``.
+        kind: of the limit; "lower" or "upper" for a bound.
+        value: now, in SI units, of bounds in the unit of their key.
+        saves: what giving way by one of those units would save: of the change, as a share of it; of the length of
+            all cables, m; of the largest worst margin, what it would add, as a share of the limits.
+        of: "change", "length" or "margin".
+        buys: for a limit, by variable: how its worst margin grows with that variable, in SI units a unit.
+    """
+
+    key: str
+    kind: str
+    value: float
+    saves: float
+    of: str
+    buys: Mapping[str, float]
+
+
+def prices(problem: Problem, goal: Goal, best: Trial) -> tuple[Price, ...]:
+    """Return what costs something at the best design: limits, then bounds.
+
+    Args:
+        problem: whose keys they are.
+        goal: of its redesign.
+        best: where that ended.
+    """
+    program, names = goal.program(best, NEAR)
+    answer = solve(program)
+    of = problem.design.maximise or problem.design.minimise
+    objective = goal.objective(best)
+    if of == "change" and objective <= 0.0:
+        return ()
+    whole = sum(run.cable.length for run in problem.cables.values())
+    worth = {"change": 0.5 / objective if objective else 0.0, "length": whole, "margin": 1.0}[of]
+    found = []
+    for key in limit_keys(problem):
+        own = np.array([name in key.labels for name in names])
+        multiplier = float(answer.multipliers[own].sum())
+        # one key a limit: a part's own clearance where there is one, the general limit for cables
+        general = key.part is None and key.kind == "clearance"
+        if general:
+            own &= np.array([" to cable:" in name for name in names])
+            multiplier = float(answer.multipliers[own].sum())
+        if multiplier * worth > LEAST:
+            number = _tightest(best, key.labels)
+            scale = float(best.rows.scale[number])
+            # a scaled margin falls by 1 where a limit grows by its scale; of bend radii, by the limit itself
+            unit = key.limit if key.kind == "bend_radius" else scale
+            buys = dict(zip((v.name for v in problem.design.variables), scale * best.rows.rate[number], strict=True))
+            found.append(Price(key.name, key.kind, key.limit, worth * multiplier / unit, of, buys))
+    for number, multiplier in enumerate(answer.bounds):
+        variable, side = problem.design.variables[number], 1 if multiplier > 0 else -1
+        bound = variable.upper if side > 0 else variable.lower
+        at_bound = abs(best.values[number] - bound) < AT_BOUND * goal.range[number]
+        if at_bound and abs(multiplier) * worth > LEAST:
+            saves = worth * abs(float(multiplier)) / goal.range[number]
+            kind = "upper" if side > 0 else "lower"
+            found.append(Price(f"design.variables.{variable.name}", kind, bound, float(saves), of, {}))
+    return tuple(found)
+
+
+def _tightest(trial: Trial, labels: frozenset[str]) -> int:
+    """Return the number of the row with the smallest margin among those of ``labels``."""
+    own = [number for number, name in enumerate(trial.rows.name) if name in labels]
+    return min(own, key=lambda number: float(trial.rows.margin[number]))

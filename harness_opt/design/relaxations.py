@@ -1,0 +1,192 @@
+"""Why no design holds all limits, and what giving way would do.
+
+At the design of least violation the multipliers of the quadratic program tell how much of the violation each limit and
+bound carries. For each that carries some, the least relaxation of it alone is searched for, the others held; what it
+comes to is checked: the problem with that limit or bound has a design, verified as any other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from harness_opt.design.limit_keys import LimitKey, limit_keys
+from harness_opt.design.objective import Beyond, Goal
+from harness_opt.design.search import SEARCH_STRIDE, verify
+from harness_opt.design.sqp import Note, descend
+from harness_opt.design.trial import HELD, Trial, Trials
+from harness_opt.model import design_variables
+from harness_opt.model.problem import Problem, Variable
+from harness_opt.numerics.quadratic_program import solve
+
+CARRIES = 0.01  # of the violation: a limit or bound that carries less is not in the way
+NEAR = 1e-2  # trust region, in ranges, in which the multipliers at the design of least violation are looked at
+AT_BOUND = 1e-4  # of a variable's range: this near to a bound it stands at it
+# how far bounds are passed: where that does not help, something else is wrong with the design
+LONGER, FURTHER, TURNED = 0.5, 0.25, 90.0  # of the cable's length for lengths and positions, degrees
+DIGITS = 3  # to which a value that would do is rounded, to the side that does
+MOST = 8  # limits and bounds that are tried
+TRIES = 3  # at the check of one: each gives way a little more
+MORE = 1.02  # times the last relaxation
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """What giving way in one limit or one bound alone would do.
+
+    Args:
+        key: in the problem file, as ``limits.bend_radius``, ``parts.housing.clearance`` or
+            ``design.variables.lead.length``.
+        kind: of the limit; "lower" or "upper" for a bound.
+        value: now, in SI units, of bounds in the unit of their key.
+        share: of the violation that it carries at the design of least violation, from the multipliers.
+        estimate: the value that would do, to first order from the multipliers.
+        enough: a value that does, checked by a verified design; None where none was found.
+        variables: that design, by name.
+    """
+
+    key: str
+    kind: str
+    value: float
+    share: float
+    estimate: float
+    enough: float | None
+    variables: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A limit or a bound, with its share of the violation."""
+
+    limit: LimitKey | None
+    bound: Beyond | None
+    share: float
+
+
+def relaxations(trials: Trials, goal: Goal, least: Trial, note: Note) -> tuple[Relaxation, ...]:
+    """Return what would do, the limits and bounds first that carry most of the violation.
+
+    Args:
+        trials: of the problem.
+        goal: of its redesign.
+        least: the design of least violation.
+        note: told of every iteration.
+    """
+    violation = goal.least_violation().objective(least)
+    if violation <= HELD:
+        return ()
+    found = sorted(_candidates(trials.problem, goal, least), key=lambda c: -c.share)
+    return tuple(_relaxation(trials, goal, least, candidate, note) for candidate in found[:MOST])
+
+
+def _candidates(problem: Problem, goal: Goal, least: Trial) -> list[_Candidate]:
+    program, names = goal.least_violation().program(least, NEAR)
+    answer = solve(program)
+    carried: dict[str, float] = {}
+    for name, multiplier in zip(names, answer.multipliers, strict=True):
+        carried[name] = carried.get(name, 0.0) + float(multiplier)
+    found = []
+    for key in limit_keys(problem):
+        shares = [share for name, share in carried.items() if name in key.labels]
+        alone = key.part is None and key.kind == "clearance" and len([s for s in shares if s > CARRIES]) < 2
+        if sum(shares) > CARRIES and not (alone and not _between_cables(carried, key)):
+            found.append(_Candidate(key, None, sum(shares)))
+    for number, multiplier in enumerate(answer.bounds):
+        side = 1 if multiplier > 0 else -1
+        bound = goal.upper[number] if side > 0 else goal.lower[number]
+        at_bound = abs(least.values[number] - bound) < AT_BOUND * goal.range[number]
+        if at_bound and abs(multiplier) > CARRIES:
+            found.append(_Candidate(None, Beyond(number, side, _reach(problem, number)), abs(float(multiplier))))
+    return found
+
+
+def _reach(problem: Problem, number: int) -> float:
+    """Return how far a bound is passed in the search for a relaxation, in the variable's unit."""
+    variable = problem.design.variables[number]
+    what = design_variables.target(variable.name)
+    length = problem.cables[what.cable].cable.length
+    least = {"length": LONGER * length, "position": FURTHER * length, "rotate": TURNED}[what.quantity]
+    return max(variable.upper - variable.lower, least)
+
+
+def _bound(candidate: _Candidate) -> tuple[int, int]:
+    """Return the variable's number and the side of a candidate that is a bound."""
+    if candidate.bound is None:
+        raise ValueError("a limit has no side")
+    return candidate.bound.number, candidate.bound.side
+
+
+def _between_cables(carried: Mapping[str, float], key: LimitKey) -> bool:
+    """Return whether the general clearance limit is in the way of cables, which have no limits of their own."""
+    return any(share > CARRIES and " to cable:" in name for name, share in carried.items() if name in key.labels)
+
+
+def _relaxation(trials: Trials, goal: Goal, least: Trial, candidate: _Candidate, note: Note) -> Relaxation:
+    """Search for the least relaxation of one candidate alone, and check it."""
+    key, bound = candidate.limit, candidate.bound
+    relaxing = goal.relaxing(frozenset() if key is None else key.labels, bound)
+    end = descend(trials, relaxing, least, SEARCH_STRIDE, note)
+    full = trials(end.values, end) if relaxing.held(end) else None
+    end = end if full is None else descend(trials, relaxing, full, 1, note)
+    first_order = goal.least_violation().objective(least) / candidate.share
+    amount = relaxing.objective(end)
+    tell = _describe(trials.problem, goal, least, candidate)
+    result = dataclasses.replace(tell, estimate=_value(goal, least, candidate, first_order))
+    if not relaxing.held(end):
+        return result
+    for _ in range(TRIES):
+        value = _rounded(tell.value, _value(goal, end, candidate, amount))
+        if key is not None and value < 0:
+            return result
+        relaxed = _relaxed(trials.problem, candidate, value)
+        again = Trials(relaxed, trials.scene, trials.solver, trials.progress)
+        trial = again(end.values, end)
+        if trial is not None and verify(again, trial).holds(snaps=goal.snaps):
+            names = [variable.name for variable in trials.problem.design.variables]
+            return dataclasses.replace(
+                result, enough=value, variables=dict(zip(names, end.values.tolist(), strict=True))
+            )
+        amount *= MORE
+    return result
+
+
+def _describe(problem: Problem, goal: Goal, least: Trial, candidate: _Candidate) -> Relaxation:
+    if candidate.limit is not None:
+        key = candidate.limit
+        return Relaxation(key.name, key.kind, key.limit, candidate.share, math.nan, None)
+    number, side = _bound(candidate)
+    variable = problem.design.variables[number]
+    bound = variable.upper if side > 0 else variable.lower
+    kind = "upper" if side > 0 else "lower"
+    return Relaxation(f"design.variables.{variable.name}", kind, bound, candidate.share, math.nan, None)
+
+
+def _value(goal: Goal, trial: Trial, candidate: _Candidate, amount: float) -> float:
+    """Return the limit or bound relaxed by ``amount``: scaled, or in the bound's range."""
+    if candidate.limit is not None:
+        own = [s for s, n in zip(trial.rows.scale, trial.rows.name, strict=True) if n in candidate.limit.labels]
+        return candidate.limit.value(amount, float(max(own)))
+    number, side = _bound(candidate)
+    bound = goal.upper[number] if side > 0 else goal.lower[number]
+    return float(bound + side * amount * goal.range[number])
+
+
+def _rounded(now: float, value: float) -> float:
+    """Return ``value`` to DIGITS digits of its difference from ``now``, rounded away from that."""
+    change = value - now
+    if change == 0.0:
+        return value
+    unit = 10.0 ** (math.floor(math.log10(abs(change))) - DIGITS + 1)
+    return float(f"{now + math.copysign(math.ceil(abs(change) / unit) * unit, change):.9g}")
+
+
+def _relaxed(problem: Problem, candidate: _Candidate, value: float) -> Problem:
+    if candidate.limit is not None:
+        return candidate.limit.replaced(problem, value)
+    number, side = _bound(candidate)
+    variables = list(problem.design.variables)
+    variable = variables[number]
+    variables[number] = Variable(variable.name, *((variable.lower, value) if side > 0 else (value, variable.upper)))
+    return dataclasses.replace(problem, design=dataclasses.replace(problem.design, variables=tuple(variables)))

@@ -1,0 +1,118 @@
+"""``motion.npz``: the shapes of a motion as plain arrays on disk, written whole and read with suspicion."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from harness_opt.model.results import CableMotion
+from harness_opt.numerics.rotations import Array
+
+MOTION = "motion"
+KEPT = {"position": 3, "quaternion": 4, "curvature": 3, "force": 3, "moment": 3}  # numbers a station, in every file
+EXTRA = ("stable", "stability_margin", "residual", "estimated_error")  # a number a frame, in those of harness-opt
+MOST_BYTES = 4 * 2**30  # of all arrays together, unpacked
+
+
+def write_arrays(file: Path, motion: Array, cables: Mapping[str, CableMotion]) -> None:
+    """Write the motion values (P,) and the shapes of all cables.
+
+    What is told of a frame beside its shape is left out where it is not finite: nothing else says "not known" there.
+
+    Raises:
+        ValueError: a shape that is not finite; nothing is written then.
+        OSError: the disk refuses.
+    """
+    arrays = {MOTION: motion}
+    for name, cable in cables.items():
+        found = {field: np.asarray(value) for field, value in vars(cable).items()}
+        arrays |= {f"{name}/{field}": value for field, value in found.items() if field not in EXTRA or _finite(value)}
+    wrong = [name for name, values in arrays.items() if not _finite(values)]
+    if wrong:
+        raise ValueError(f"numbers that are not finite in {', '.join(wrong)}")
+    np.savez(file, allow_pickle=False, **arrays)
+
+
+def _finite(values: Array) -> bool:
+    return bool(np.all(np.isfinite(values)))
+
+
+def read_arrays(file: Path) -> tuple[Array, dict[str, CableMotion]]:
+    """Return the motion values (P,), and the shapes by name; what is not kept of them is NaN.
+
+    Raises:
+        ValueError: the file is damaged, would take more than :data:`MOST_BYTES`, or does not hold the shapes of a
+            motion.
+        OSError: it cannot be read.
+    """
+    if not file.is_file():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file))
+    try:
+        size = unpacked_size(file)
+        with np.load(file, allow_pickle=False) as stored:
+            arrays = {name: plain_array(name, stored, size) for name in stored.files}
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, KeyError) as error:
+        raise ValueError(f"{file.name}: {error}") from error
+    motion = arrays.pop(MOTION, np.zeros(0))
+    if motion.ndim != 1 or not _finite(motion) or np.any(np.diff(motion) <= 0):
+        raise ValueError(f"{file.name}: frames that do not follow each other")
+    names = [key.removesuffix("/position") for key in arrays if key.endswith("/position")]
+    return motion, {name: _cable(name, arrays, len(motion)) for name in names}
+
+
+def unpacked_size(file: Path | IO[bytes]) -> int:
+    """Return how many bytes an npz archive unpacks to.
+
+    Raises:
+        ValueError: more than :data:`MOST_BYTES`.
+        zipfile.BadZipFile: it is none.
+    """
+    with zipfile.ZipFile(file) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > MOST_BYTES:
+        raise ValueError(f"{size:,} bytes of arrays, of which at most {MOST_BYTES:,} are read")
+    return size
+
+
+def plain_array(name: str, stored: Any, size: int) -> Array:
+    """Return one array of an open npz archive that unpacks to ``size`` bytes.
+
+    Raises:
+        ValueError: it holds no numbers, or its own header promises more of them than the archive has.
+    """
+    with stored.zip.open(f"{name}.npy") as member:
+        version = np.lib.format.read_magic(member)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(member)
+    if dtype.hasobject:
+        raise ValueError(f"{name}: pickled objects, which are not opened")
+    if dtype.kind not in "fiub" or math.prod(shape) * dtype.itemsize > size or min(shape, default=1) < 0:
+        raise ValueError(f"{name}: {shape} of {dtype}")
+    return np.asarray(stored[name])
+
+
+def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
+    """Return the shapes of cable ``name``, all of them of the sizes that fit each other."""
+    s = arrays.get(f"{name}/s", np.zeros(0))
+    if s.ndim != 1 or len(s) < 2 or not _finite(s) or np.any(np.diff(s) <= 0):
+        raise ValueError(f"{name}/s: no arc lengths")
+    found: dict[str, Array] = {}
+    for field, numbers in KEPT.items():
+        values = arrays.get(f"{name}/{field}", np.zeros(0))
+        if values.shape != (frames, len(s), numbers) or not _finite(values):
+            raise ValueError(f"{name}/{field}: {values.shape}, or not finite")
+        found[field] = values
+    for field in EXTRA:
+        values = arrays.get(f"{name}/{field}", np.full(frames, np.nan))
+        if values.shape != (frames,):
+            raise ValueError(f"{name}/{field}: {values.shape}")
+        found[field] = values
+    return CableMotion(s, **found)

@@ -1,0 +1,377 @@
+"""Problem files: TOML to :class:`~harness_opt.model.problem.Problem` and back.
+
+The way in: bytes -> TOML -> tables (``file_schema``) -> checks between keys (``file_checks``) -> Problem.
+Every mistake met on the way is gathered and raised as one :class:`~harness_opt.errors.ProblemError`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from harness_opt.errors import ProblemError
+from harness_opt.files import schema as file_schema
+from harness_opt.files.checks import SIDES, Tree, mistakes_between, table, value
+from harness_opt.files.places import MEGABYTE, Places, unreadable
+from harness_opt.files.poses_table import parse_poses
+from harness_opt.files.quantity_keys import robust_mistakes
+from harness_opt.files.schema import schema
+from harness_opt.files.tolerance_table import tolerance
+from harness_opt.files.values import Mistake, coupling, dotted, shown
+from harness_opt.files.whole_folder import write_whole
+from harness_opt.files.write import problem_text
+from harness_opt.model.bodies import BodyMotion, Hinge, Slide
+from harness_opt.model.problem import (
+    REACH_TOLERANCE,
+    WORLD,
+    Body,
+    Box,
+    Cable,
+    CableRun,
+    Capsule,
+    Coupling,
+    Cylinder,
+    Design,
+    End,
+    Limits,
+    MeshFile,
+    Part,
+    Problem,
+    Robust,
+    Shape,
+    Sphere,
+    Variable,
+)
+from harness_opt.numerics import rotations
+
+__all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
+
+MOST_BYTES = 4 * MEGABYTE  # of a problem file: some fifty thousand lines
+MOST_KEYS = 50_000  # of all its tables
+DEEPEST = 32  # tables within tables; none of ours lies deeper than five
+MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
+MOST_MISTAKES = 200  # that are told one by one
+MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
+MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
+
+_MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
+
+
+def read_problem(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()) -> Problem:
+    """Return the problem that a TOML file describes.
+
+    Meshes are looked for, not read; tables of poses are read.
+
+    Args:
+        path: of the problem file; paths inside it start at its folder.
+        folders: from which it may read meshes and tables beside its own folder; see
+            :mod:`~harness_opt.files.places`.
+
+    Raises:
+        ProblemError: one line a mistake, ``FILE: cables.lead.length: found -1, expected a number above 0``.
+    """
+    file = Path(path)
+    return parse_problem(content_of(file, "a problem file"), Places.around(file.parent, folders), file)
+
+
+def content_of(file: Path, what: str) -> bytes:
+    """Return the bytes of a TOML file that is expected to be ``what``.
+
+    Raises:
+        ProblemError: it cannot be read, or is too large.
+    """
+    why = unreadable(file, MOST_BYTES)
+    if why:
+        raise ProblemError(f"{file}: found {why}, expected {what}")
+    with file.open("rb") as stream:
+        content = stream.read(MOST_BYTES + 1)  # a pipe does not say how much there is
+    if len(content) > MOST_BYTES:
+        raise ProblemError(f"{file}: found more than {MOST_BYTES / MEGABYTE:g} MB, expected {what}")
+    return content
+
+
+def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
+    """Write ``problem`` as a TOML file that runs from where it lies, and return its absolute path.
+
+    Paths of meshes and tables of poses are rewritten relative to the file's folder, which is made where it is
+    missing. A table of poses that is in no file, or is no longer what its file holds, is written beside as
+    ``NAME_BODY.csv``.
+    Each file is written aside and then renamed, so that none is ever half there.
+
+    Args:
+        problem: what to write; read back it is equal, but for ``file`` and ``sha256``.
+        path: of the file.
+
+    Raises:
+        ProblemError: the file can't be written, or could not be read back: nothing is written then.
+    """
+    file = Path(path)
+    file = file.parent.resolve() / file.name
+    if file.is_dir():
+        raise ProblemError(f"{file}: found a folder, expected the name of a file to write")
+    try:
+        text, tables = problem_text(problem, file)
+        content = text.encode()
+        # the proof that it can be read, before anything is touched
+        parse_problem(content, Places.around(file.parent), file, pending=tables)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for target, data in (*tables.items(), (file, content)):
+            write_whole(target, data)
+    except OSError as error:
+        where = error.filename or file
+        raise ProblemError(f"{file}: found no way to write {where} ({error.strerror}), expected one") from error
+    return file
+
+
+def parse_problem(content: bytes, places: Places, file: Path, pending: Mapping[Path, bytes] | None = None) -> Problem:
+    """Return the problem that the bytes of a TOML file describe.
+
+    Args:
+        content: the bytes.
+        places: where the files may lie that it names.
+        file: where they lie, or will lie.
+        pending: contents of tables of poses that are yet to be written, by absolute path.
+
+    Raises:
+        ProblemError: as :func:`read_problem`.
+    """
+    if len(content) > MOST_BYTES:
+        raise ProblemError(f"{file}: found more than {MOST_BYTES / MEGABYTE:g} MB, expected a problem file")
+    problem = problem_from(toml_tables(content, file), places, file, pending)
+    return dataclasses.replace(problem, sha256=hashlib.sha256(content).hexdigest())
+
+
+def problem_from(
+    raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
+) -> Problem:
+    """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
+    tables, tree, mistakes = file_schema.structured(raw)
+    mistakes += mistakes_between(tree, places)
+    motions, wrong = _motions(tree, places, pending or {})
+    mistakes += wrong
+    mistakes += _reach(tree, motions)
+    if tables is not None and tables.robust is not None:
+        mistakes += robust_mistakes(tables, tables.robust)
+    if mistakes or tables is None:
+        lines = [f"{file}: {dotted(path)}: {words}" for path, words in mistakes[:MOST_MISTAKES]]
+        left = len(mistakes) - len(lines)
+        raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
+    return Problem(
+        cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
+        bodies={name: Body(motions[name]) for name in tables.bodies},
+        parts={name: _part(part, places) for name, part in tables.parts.items()},
+        gravity=tables.gravity,
+        limits=_limits(tables.limits),
+        design=_design(tables.design),
+        robust=_robust(tables.robust),
+        duration=tables.motion.duration,
+        out_and_back=tables.motion.out_and_back,
+        spatial_step=tables.motion.spatial_step,
+        title=tables.title,
+        file=places.folder / file.name,
+    )
+
+
+def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
+    """Return the nested tables of a TOML text; a byte order mark, as Windows editors write, is let pass."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise ProblemError(f"{file}: line {line}: found bytes that are not UTF-8, expected a TOML text") from None
+    try:
+        tables = tomllib.loads(text)
+    except RecursionError:
+        raise ProblemError(f"{file}: found brackets nested too deeply, expected a problem file") from None
+    except ValueError as error:
+        raise ProblemError(f"{file}: {_syntax_words(str(error), text)}") from None
+    _refuse_many(tables, file)
+    return tables
+
+
+def _refuse_many(raw: dict[str, Any], file: Path) -> None:
+    """Raise where a file holds more than anybody types, before time is spent on it."""
+    keys, level, depth = 0, [raw], 0
+    while level:
+        keys, depth = keys + sum(map(len, level)), depth + 1
+        if keys > MOST_KEYS or depth > DEEPEST:
+            words = f"at most {MOST_KEYS:,} keys, {DEEPEST} levels deep"
+            raise ProblemError(f"{file}: found more keys or levels than any problem has, expected {words}")
+        level = [item for one in level for item in one.values() if isinstance(item, dict)]
+    crowds = [
+        f"{file}: {name}: found {len(raw[name]):,}, expected at most {most:,}"
+        for name, most in MOST_NAMES.items()
+        if isinstance(raw.get(name), dict) and len(raw[name]) > most
+    ]
+    if crowds:
+        raise ProblemError(crowds)
+
+
+def _syntax_words(message: str, text: str) -> str:
+    """Return tomllib's message with its place first and the text of the line."""
+    lines = text.split("\n")
+    placed = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
+    if placed:
+        line = int(placed[2])
+        found = shown(lines[line - 1].strip()) if line <= len(lines) else "the end of the file"
+        return f"line {line}, column {placed[3]}: found {found}, expected TOML: {_lowered(placed[1])}"
+    ended = re.fullmatch(r"(.*) \(at end of document\)", message, re.DOTALL)
+    if ended:
+        return f"line {len(lines)}: found the end of the file, expected TOML: {_lowered(ended[1])}"
+    return f"found a value that can't be read, expected TOML: {_lowered(message)}"
+
+
+def _lowered(words: str) -> str:
+    return words[:1].lower() + words[1:]
+
+
+# --- motions -------------------------------------------------------------------------------------------
+
+
+def _motions(
+    tree: Tree, places: Places, pending: Mapping[Path, bytes]
+) -> tuple[dict[str, BodyMotion | None], list[Mistake]]:
+    """Return the motions of all bodies whose tables are in order, and the mistakes in tables of poses."""
+    motions: dict[str, BodyMotion | None] = {WORLD: None}
+    mistakes: list[Mistake] = []
+    for name in table(tree, "bodies"):
+        body = tree["bodies"][name]
+        if name == WORLD or not isinstance(body, Mapping):
+            continue
+        if "motion" not in body:
+            motions[name] = None
+            continue
+        try:
+            motion = _MOTION.validate_python(body["motion"])
+        except ValidationError:
+            continue  # named already when the whole file was structured
+        try:
+            motions[name] = _motion(motion, places, pending)
+        except ProblemError as error:
+            path = ("bodies", name, "motion", "file")
+            mistakes.extend((path, line) for line in error.mistakes)
+    return motions, mistakes
+
+
+def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyMotion:
+    if isinstance(motion, file_schema.HingeTable):
+        return Hinge(motion.point, motion.axis, math.radians(motion.from_deg), math.radians(motion.to_deg))
+    if isinstance(motion, file_schema.SlideTable):
+        return Slide(motion.direction, motion.from_, motion.to)
+    file = places.located(motion.file)
+    if file in pending:
+        return parse_poses(pending[file], file)
+    why = places.fault(motion.file, "a table of poses", motion.file_sha256, MOST_TABLE_BYTES)
+    if why:
+        raise ProblemError(why)
+    return parse_poses(file.read_bytes(), file)
+
+
+def _reach(tree: Tree, motions: Mapping[str, BodyMotion | None]) -> Iterator[Mistake]:
+    """Yield the cables that are too short for their clamps at some moment of the motion."""
+    motion = np.linspace(0.0, 1.0, MOTION_SAMPLES)
+    for name in table(tree, "cables"):
+        cable = table(tree, "cables", name)
+        length = value(cable, "length")
+        ends = [_path_of(table(cable, side), motions, motion) for side in SIDES]
+        if length is None or ends[0] is None or ends[1] is None:
+            continue
+        distance = np.linalg.norm(ends[1] - ends[0], axis=1)
+        worst = int(np.argmax(distance))
+        if not distance[worst] <= length * (1 + REACH_TOLERANCE):
+            words = f"expected at least {distance[worst]:.6g}, the distance between its clamps"
+            at = f"at motion {motion[worst]:.3g} (of 0 to 1)"
+            yield ("cables", name, "length"), f"found {shown(length)}, {words} {at}"
+
+
+def _path_of(end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotations.Array) -> rotations.Array | None:
+    """Return the world positions (P, 3) of a clamp at ``motion`` (P,), or None where they are not known."""
+    position, body = value(end, "position"), end.get("body", WORLD)
+    if position is None or not isinstance(body, str) or body not in motions:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        origins, turns = Body(motions[body]).poses(motion)
+        return origins + rotations.rotate(turns, np.broadcast_to(np.asarray(position, dtype=float), origins.shape))
+
+
+# --- tables to domain classes --------------------------------------------------------------------------
+
+
+def _cable_run(cable: file_schema.CableTable) -> CableRun:
+    return CableRun(_cable(cable), start=_end(cable.start), end=_end(cable.end), bow=cable.bow)
+
+
+def _cable(cable: file_schema.CableTable) -> Cable:
+    mass = cable.mass_per_length or 0.0
+    if cable.density is not None:
+        mass = cable.density * 0.25 * math.pi * cable.diameter * cable.diameter
+    return Cable(
+        length=cable.length,
+        diameter=cable.diameter,
+        bending_stiffness=cable.bending_stiffness,
+        torsional_stiffness=cable.torsional_stiffness,
+        mass_per_length=mass,
+        rest_curvature=cable.rest_curvature,
+    )
+
+
+def _end(end: file_schema.EndTable) -> End:
+    quaternion: Any = end.quaternion
+    if end.tangent is not None:
+        quaternion = rotations.from_tangent(end.tangent, math.radians(end.roll_deg or 0.0))
+    return End(end.position, quaternion, end.force, end.moment, end.turns, end.body)
+
+
+def _part(part: file_schema.PartTable, places: Places) -> Part:
+    return Part(_shape(part, places), part.body, part.position, part.quaternion, part.clearance)
+
+
+def _shape(part: file_schema.PartTable, places: Places) -> Shape:
+    if part.box is not None:
+        return Box(part.box.size)
+    if part.sphere is not None:
+        return Sphere(part.sphere.radius)
+    if part.cylinder is not None:
+        return Cylinder(part.cylinder.radius, part.cylinder.length)
+    if part.capsule is not None:
+        return Capsule(part.capsule.radius, part.capsule.length)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell)
+
+
+def _limits(limits: file_schema.LimitsTable) -> Limits:
+    twist = limits.twist_deg_per_m
+    return Limits(
+        clearance=limits.clearance,
+        bend_radius=limits.bend_radius,
+        twist=None if twist is None else math.radians(twist),
+        clamp_force=limits.clamp_force,
+        clamp_moment=limits.clamp_moment,
+    )
+
+
+def _design(design: file_schema.DesignTable) -> Design:
+    variables, couplings = [], []
+    for name, given in design.variables.items():
+        if isinstance(given, str):
+            leader, factor, offset = coupling(given) or (name, 1.0, 0.0)  # checked before
+            couplings.append(Coupling(name, leader, factor, offset))
+        else:
+            variables.append(Variable(name, *given))
+    return Design(design.minimise, tuple(variables), tuple(couplings), design.weights, design.maximise, design.snaps)
+
+
+def _robust(robust: file_schema.RobustTable | None) -> Robust | None:
+    if robust is None:
+        return None
+    tolerances = {key: tolerance(spread.model_dump()) for key, spread in robust.tolerances.items()}
+    return Robust(tolerances, robust.hold, robust.share, robust.samples, robust.seed)

@@ -1,0 +1,387 @@
+"""The tables of a problem file as pydantic models, the JSON Schema drawn from them, and the check key by key.
+
+What needs two keys is checked in :mod:`~harness_opt.files.checks`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationError
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+
+from harness_opt.files.file_table import Table, TableKind
+from harness_opt.files.tolerance_table import ToleranceTable
+from harness_opt.files.values import (
+    Bending,
+    Bounds,
+    Digest,
+    Direction,
+    Expected,
+    Flag,
+    KeyPath,
+    MeshUnit,
+    Mistake,
+    NotNegative,
+    Number,
+    Positive,
+    Quaternion,
+    Share,
+    Size,
+    Text,
+    Vector,
+    Whole,
+    one_of,
+    only_integer,
+    shown,
+)
+
+UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
+MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
+
+INVALID = object()  # stands in a checked tree for a value that a message already names
+
+
+def _not_both(*keys: str) -> list[JsonValue]:
+    """Return the JSON Schema of "at most one of ``keys``"."""
+    pairs: list[JsonValue] = [[a, b] for i, a in enumerate(keys) for b in keys[i + 1 :]]
+    return [{"not": {"required": pair}} for pair in pairs]
+
+
+class EndTable(Table):
+    """What holds one end of a cable: a position or a force, an orientation or a moment; neither is free."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "allOf": [*_not_both("position", "force"), *_not_both("quaternion", "tangent", "moment")],
+            "dependentRequired": {"roll_deg": ["tangent"]},
+        }
+    )
+
+    body: Text = Field(default="world", description='Name of the body that carries the clamp; "world" always exists.')
+    position: Vector | None = Field(default=None, description="Of the centreline's end, in body coordinates, m.")
+    force: Vector | None = Field(
+        default=None, description="Dead load on the cable at this end, in world coordinates, N."
+    )
+    quaternion: Quaternion | None = Field(
+        default=None,
+        description="Section frame in body coordinates, scalar first; d3 points along growing arc length.",
+    )
+    tangent: Direction | None = Field(
+        default=None, description="d3 in body coordinates, along growing arc length at both ends, any length."
+    )
+    roll_deg: Number | None = Field(
+        default=None,
+        description="Turns the section about its tangent, from d1 = body x seen on the section, degrees.",
+    )
+    moment: Vector | None = Field(default=None, description="Dead moment on the cable at this end, world, N m.")
+    turns: Whole = Field(
+        default=0,
+        description="At the end only: whole turns added to the smallest twist that joins the two clamps.",
+    )
+
+
+class CableTable(Table):
+    """A homogeneous, inextensible, unshearable, linearly elastic cable and what holds its ends."""
+
+    model_config = ConfigDict(json_schema_extra={"allOf": _not_both("density", "mass_per_length")})
+
+    length: Positive = Field(description="Of the centreline, m.")
+    diameter: Positive = Field(description="Outer diameter, m.")
+    bending_stiffness: Bending = Field(description="N m2; one number, or [kx, ky] about d1 and d2 of a flat section.")
+    torsional_stiffness: Positive = Field(description="kz, about the tangent, N m2.")
+    density: NotNegative | None = Field(
+        default=None,
+        description="kg/m3, of the full circle of the diameter; or mass_per_length; neither is weightless.",
+    )
+    mass_per_length: NotNegative | None = Field(default=None, description="kg/m; or density; neither is weightless.")
+    rest_curvature: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Curvatures and twist of the unloaded cable in the section frame, 1/m.",
+    )
+    bow: Direction | None = Field(
+        default=None,
+        description="World direction to which the cable bows between its ends in the starting shape.",
+    )
+    start: EndTable = Field(description="What holds the cable at arc length 0.")
+    end: EndTable = Field(description="What holds the cable at its full length.")
+
+
+class HingeTable(Table):
+    """Turning about a fixed line; at angle 0 body coordinates are world coordinates."""
+
+    kind: Literal["hinge"] = Field(description="Turning about a fixed line.")
+    point: Vector = Field(description="A point on the line, m.")
+    axis: Direction = Field(description="Direction of the line, any length.")
+    from_deg: Number = Field(description="First angle, degrees.")
+    to_deg: Number = Field(description="Last angle, degrees.")
+
+
+class SlideTable(Table):
+    """Straight motion without turning; at travel 0 body coordinates are world coordinates."""
+
+    kind: Literal["slide"] = Field(description="Straight motion without turning.")
+    direction: Direction = Field(description="Direction of travel, any length.")
+    from_: Number = Field(alias="from", description="First travel, m.")
+    to: Number = Field(description="Last travel, m.")
+
+
+class PosesTable(Table):
+    """A tabulated motion: positions by a cubic spline, rotations by a smooth one on the sphere."""
+
+    kind: Literal["poses"] = Field(description="A table of poses.")
+    file: Text = Field(
+        description="CSV with the header t,x,y,z,qw,qx,qy,qz (s, m, unit quaternion), relative to this file."
+    )
+    file_sha256: Digest | None = Field(
+        default=None,
+        description="SHA-256 of the table; with it, the table may lie outside this file's folder.",
+    )
+
+
+MotionTable = Annotated[HingeTable | SlideTable | PosesTable, Field(discriminator="kind")]
+MOTION_KINDS = ("hinge", "slide", "poses")
+
+
+class BodyTable(Table):
+    """A rigid body; without a motion it stands still, its coordinates those of the world."""
+
+    motion: MotionTable | None = Field(default=None, description="How the body moves: hinge, slide or poses.")
+
+
+class BoxTable(Table):
+    """A box centred on its origin."""
+
+    size: Size = Field(description="Full extent along x, y, z, m.")
+
+
+class SphereTable(Table):
+    """A ball centred on its origin."""
+
+    radius: Positive = Field(description="Half the diameter, m.")
+
+
+class CylinderTable(Table):
+    """A cylinder along z, centred on its origin."""
+
+    radius: Positive = Field(description="Half the diameter, m.")
+    length: Positive = Field(description="Full height, m.")
+
+
+class CapsuleTable(Table):
+    """A cylinder along z with half balls on both ends, centred on its origin."""
+
+    radius: Positive = Field(description="Half the diameter, m.")
+    length: Positive = Field(description="Of the cylinder alone, m.")
+
+
+PART_SHAPES = ("mesh", "box", "cylinder", "sphere", "capsule")
+
+
+class PartTable(Table):
+    """A solid to stay clear of: one mesh or one primitive."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [{"required": [shape]} for shape in PART_SHAPES],
+            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell")},
+            "if": {
+                "required": ["mesh"],
+                "properties": {"mesh": {"pattern": r"\.([sS][tT][lL]|[oO][bB][jJ]|[pP][lL][yY])$"}},
+            },
+            "then": {"required": ["mesh_unit"]},
+        }
+    )
+
+    body: Text = Field(default="world", description='Name of the body it belongs to; "world" always exists.')
+    mesh: Text | None = Field(default=None, description="STL, OBJ, PLY, GLB or glTF file, relative to this file.")
+    mesh_unit: MeshUnit | None = Field(
+        default=None,
+        description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
+    )
+    mesh_sha256: Digest | None = Field(
+        default=None,
+        description="SHA-256 of the mesh; with it, the mesh may lie outside this file's folder.",
+    )
+    shell: bool = Field(
+        default=False,
+        description="Whether a mesh that is not closed will do; a cable inside such a shell goes unnoticed.",
+    )
+    box: BoxTable | None = Field(default=None, description="A box instead of a mesh.")
+    cylinder: CylinderTable | None = Field(default=None, description="A cylinder instead of a mesh.")
+    sphere: SphereTable | None = Field(default=None, description="A ball instead of a mesh.")
+    capsule: CapsuleTable | None = Field(default=None, description="A capsule instead of a mesh.")
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="Of the shape's origin, in body coordinates, m.")
+    quaternion: Quaternion = Field(
+        default=(1.0, 0.0, 0.0, 0.0), description="Of the shape, in body coordinates, scalar first."
+    )
+    clearance: NotNegative | None = Field(default=None, description="This part's own clearance limit, m.")
+
+
+class LimitsTable(Table):
+    """What must hold at every moment; each is optional."""
+
+    clearance: NotNegative | None = Field(
+        default=None, description="Between the cable's surface and parts, other cables and itself, m."
+    )
+    bend_radius: Positive | None = Field(default=None, description="Smallest radius of the centreline, m.")
+    twist_deg_per_m: Positive | None = Field(default=None, description="Largest twist per length, degrees/m.")
+    clamp_force: Positive | None = Field(default=None, description="Largest force at a clamp, N.")
+    clamp_moment: Positive | None = Field(default=None, description="Largest moment at a clamp, N m.")
+
+
+class PathTable(Table):
+    """The motion as a whole."""
+
+    duration: Positive = Field(default=1.0, description="For playback, s.")
+    out_and_back: Flag = Field(
+        default=False, description="Whether the bodies go through their motions until half-way and then back."
+    )
+    spatial_step: Positive | None = Field(
+        default=None,
+        description="Most that a clamp moves between two solved frames, m; a hundredth of the longest cable.",
+    )
+
+
+class DesignTable(Table):
+    """What a redesign may change and what it prefers."""
+
+    minimise: Annotated[Literal["change", "length"], Expected(one_of(("change", "length")))] = Field(
+        default="change", description="Least change from this design, or least length of all cables together."
+    )
+    maximise: Annotated[Literal["margin"], Expected(one_of(("margin",)))] | None = Field(
+        default=None, description="In place of minimise: the largest worst margin, each as a share of its limit."
+    )
+    snaps: Flag = Field(default=False, description="Whether cables may snap to other shapes on the way.")
+    weights: dict[str, NotNegative] = Field(
+        default_factory=dict,
+        description="Of the change of a variable, by name; 1 where left out, and changes count in the bounds' ranges.",
+    )
+    variables: dict[str, Bounds] = Field(
+        default_factory=dict,
+        description="Absolute [lower, upper] by name: CABLE.length (m), CABLE.start.position.x (m, body "
+        "coordinates), CABLE.end.rotate_x_deg (degrees about the clamp's own d1, from the pose "
+        'given) and the like; or text that has it follow another variable: "= lead.start.position.x", '
+        '"= 2 * lead.length - 0.01".',
+    )
+
+
+class RobustTable(Table):
+    """What a redesign holds its limits against."""
+
+    hold: Annotated[Literal["quantile", "corners"], Expected(one_of(("quantile", "corners")))] = Field(
+        default="quantile",
+        description="Limits hold for a share of what is built, or at all corners of the tolerances.",
+    )
+    share: Share = Field(default=0.99, description="Of what is built, between 0 and 1, for which all limits hold.")
+    samples: Whole = Field(default=500, description="Of the Monte Carlo study that verifies it; 0 leaves it out.")
+    seed: Whole = Field(default=0, description="Of these samples; the same seed gives the same.")
+    tolerances: dict[str, ToleranceTable] = Field(
+        default_factory=dict,
+        description="By key of this file: cables.NAME.length (m), cables.NAME.stiffness_percent, "
+        "cables.NAME.end.rotate_x_deg, parts.NAME.position.z and the like.",
+    )
+
+
+class ProblemTable(Table):
+    """A problem file of harness-opt. SI units; degrees only in keys that end in _deg; world z is up."""
+
+    schema_: Annotated[Literal[1], BeforeValidator(only_integer), Expected("1")] = Field(
+        alias="schema", description="Version of this format."
+    )
+    title: Text = Field(default="", description="One line for people.")
+    gravity: Vector = Field(default=(0.0, 0.0, 0.0), description="m/s2; leave out for weightless.")
+    cables: dict[str, CableTable] = Field(description="The cables by name.", min_length=1)
+    bodies: dict[str, BodyTable] = Field(default_factory=dict, description='The bodies by name, without "world".')
+    motion: PathTable = Field(default=PathTable(), description="How finely the motion is followed and played back.")
+    parts: dict[str, PartTable] = Field(default_factory=dict, description="The solids to stay clear of, by name.")
+    limits: LimitsTable = Field(default=LimitsTable(), description="What must hold at every moment.")
+    design: DesignTable = Field(default=DesignTable(), description="For redesign.")
+    robust: RobustTable | None = Field(default=None, description="For a redesign that holds within tolerances.")
+
+
+# --- use -----------------------------------------------------------------------------------------------
+
+
+def structured(
+    raw: Mapping[str, Any],
+    model: type[TableKind] = ProblemTable,  # type: ignore[assignment]
+) -> tuple[TableKind | None, dict[str, Any], list[Mistake]]:
+    """Validate a parsed file key by key.
+
+    Args:
+        raw: the nested tables, as :mod:`tomllib` gives them.
+        model: what the file holds.
+
+    Returns:
+        The tables, or None where there are mistakes; a copy of ``raw`` with :data:`INVALID` in the place of
+        every wrong value, so that what is left can be checked further; and the mistakes.
+    """
+    tree = _copied(raw)
+    try:
+        return model.model_validate(raw), tree, []
+    except ValidationError as error:
+        return None, tree, [_mistake(tree, e) for e in error.errors()]
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of the problem file, with units and words on every key."""
+    generated = ProblemTable.model_json_schema(schema_generator=_FileSchema)
+    title = "Problem file of harness-opt"
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated, "title": title}
+
+
+class _FileSchema(GenerateJsonSchema):
+    """JSON Schema without null: TOML has none, an optional key is left out instead."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        """Return the schema of what is not null."""
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        """Return the schema with its default, unless that is null or a table of nulls."""
+        generated = super().default_schema(schema)
+        return {k: v for k, v in generated.items() if k != "default" or not isinstance(v, dict | None)}
+
+
+def _copied(value: Any) -> Any:
+    return {key: _copied(item) for key, item in value.items()} if isinstance(value, Mapping) else value
+
+
+def _mistake(tree: dict[str, Any], error: Any) -> Mistake:
+    """Return ``error`` in words, and put :data:`INVALID` in its place in ``tree``."""
+    path = _path(tree, error)
+    value, words = error["input"], error["msg"]
+    parent = tree
+    for key in path[:-1]:
+        parent = parent[key]
+    if error["type"] == "nothing":
+        return path, f"found nothing, expected {words}"
+    parent[path[-1]] = INVALID
+    if error["type"] == "unknown":
+        return path, f"found an unknown key, expected {words}"
+    if error["type"] == "kind":
+        kind = value.get("kind")
+        found = "nothing" if kind is None else shown(kind)
+        return (*path, "kind"), f"found {found}, expected {one_of(MOTION_KINDS, kind)}"
+    if error["type"] == "too_short":
+        return path, "found an empty table, expected at least one cable"
+    if path[:2] == ("design", "variables") and isinstance(value, Mapping):
+        words += f", behind a name in quotes such as {json.dumps(path[2] + '.length')}"
+    return path, f"found {shown(value)}, expected {words}"
+
+
+def _path(tree: dict[str, Any], error: Any) -> KeyPath:
+    """Return the keys that lead to an error: pydantic's location without the tags of unions."""
+    node: Any = tree
+    path: list[str] = []
+    for step in error["loc"]:
+        if isinstance(node, dict) and step in node:
+            node = node[step]
+            path.append(str(step))
+    if error["type"] == "nothing":
+        path.append(str(error["loc"][-1]))
+    return tuple(path)

@@ -1,0 +1,167 @@
+"""Leaves of the problem file: kinds of values, what each expects, and how a message shows what was found."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, GetCoreSchemaHandler, ValidationError
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from harness_opt.numerics import rotations
+
+KeyPath = tuple[str, ...]  # the keys that lead to a value
+Mistake = tuple[KeyPath, str]  # where, and "found ..., expected ..."
+
+QUATERNION_TOLERANCE = 1e-3  # largest | |q| - 1 | taken as rounding: three typed digits do; normalised then
+LARGEST = 1e100  # of any number, in any unit: squares and products of two or three must not overflow
+SMALLEST = 1e-100  # of a number that has to be above 0: nothing that is divided by it may overflow
+SHORTEST = 1e-100  # direction, in any unit: its square must not vanish
+LONGEST_SHOWN = 60  # characters of a wrong value that a message repeats
+
+MESH_UNITS = ("m", "cm", "mm", "in")
+
+
+def shown(value: object) -> str:
+    """Return ``value`` as a user would type it in TOML, at most :data:`LONGEST_SHOWN` characters."""
+    if isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, Mapping):
+        return "a table"
+    elif isinstance(value, (list, tuple)):
+        text = "[" + ", ".join(shown(item) for item in value[:LONGEST_SHOWN]) + "]"
+    elif isinstance(value, str):
+        text = json.dumps(value, ensure_ascii=False)
+    elif isinstance(value, int) and abs(value) > 10**LONGEST_SHOWN:
+        # Python refuses to write out numbers of thousands of digits, which TOML's 0x... can hold
+        return f"a number of about {round(math.log10(abs(value)))} digits"
+    else:
+        text = str(value)
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+
+
+def dotted(path: KeyPath) -> str:
+    """Return the keys of ``path`` joined by dots, quoted where TOML asks for quotes."""
+    bare = re.compile(r"[A-Za-z0-9_-]+")
+    return ".".join(key if bare.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in path)
+
+
+def one_of(names: Iterable[str], asked: object = "") -> str:
+    """Return ``one of 'a', 'b'``, and which of ``names`` comes nearest to ``asked``."""
+    names = list(names)
+    listed = ", ".join(repr(name) for name in names[:12]) + (", ..." if len(names) > 12 else "")
+    near = get_close_matches(asked, names, n=1) if isinstance(asked, str) else []
+    return f"{'one of ' if len(names) > 1 else ''}{listed}" + (f"; did you mean {near[0]!r}?" if near else "")
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Annotation that puts ``words`` in the place of pydantic's own message, whatever is wrong inside."""
+
+    words: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Wrap the schema of the annotated type."""
+        return core_schema.no_info_wrap_validator_function(self.check, handler(source))
+
+    def check(self, value: Any, inner: Callable[[Any], Any]) -> Any:
+        """Return ``value`` validated by ``inner``, or raise the error that says what was expected."""
+        try:
+            return inner(value)
+        except ValidationError:
+            size = abs(value) if isinstance(value, (int, float)) else 0
+            words = self.words + (f", at most {LARGEST:g} in size" if LARGEST < size < math.inf else "")
+            words += f", at least {SMALLEST:g}" if 0 < size < SMALLEST and value > 0 else ""
+            raise PydanticCustomError("expected", "{words}", {"words": words}) from None
+
+
+def _unit(q: tuple[float, ...]) -> tuple[float, ...]:
+    length = math.hypot(*q)
+    if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
+        words = f"a unit quaternion [w, x, y, z] (this one is {length:.6g} long)"
+        raise PydanticCustomError("expected", "{words}", {"words": words})
+    return tuple(rotations.unit(q).tolist())
+
+
+def _nonzero(v: tuple[float, ...]) -> tuple[float, ...]:
+    if not math.hypot(*v) > SHORTEST:
+        raise PydanticCustomError("expected", "a direction, not zero")
+    return v
+
+
+def _bounded(number: float) -> float:
+    if abs(number) > LARGEST:
+        raise PydanticCustomError("expected", "a number")
+    return number
+
+
+def _whole(value: Any) -> Any:
+    """Let ``1.0`` stand for 1, and keep pydantic's strict int from the rest."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def only_integer(value: Any) -> Any:
+    """Return ``value`` if it is an int, else None: True == 1.0 == 1, which ``Literal[1]`` lets pass."""
+    return value if type(value) is int else None
+
+
+_Float = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Finite = Annotated[_Float, AfterValidator(_bounded)]
+_Above0 = Annotated[_Float, Field(ge=SMALLEST), AfterValidator(_bounded)]
+_AtLeast0 = Annotated[_Float, Field(ge=0), AfterValidator(_bounded)]
+_Triple = tuple[_Finite, _Finite, _Finite]
+
+_Below1 = Annotated[_Float, Field(gt=0, lt=1)]
+
+Number = Annotated[_Finite, Expected("a number")]
+Positive = Annotated[_Above0, Expected("a number above 0")]
+NotNegative = Annotated[_AtLeast0, Expected("a number of at least 0")]
+Share = Annotated[_Below1, Expected("a number between 0 and 1")]
+Whole = Annotated[int, Field(strict=True), BeforeValidator(_whole), Expected("a whole number")]
+Flag = Annotated[bool, Field(strict=True), Expected("true or false")]
+Text = Annotated[str, Field(strict=True), Expected("text in quotes")]
+Digest = Annotated[
+    str, Field(strict=True, pattern="^[0-9a-fA-F]{64}$"), Expected("a SHA-256, 64 hexadecimal digits in quotes")
+]
+Vector = Annotated[_Triple, Expected("[x, y, z], three numbers")]
+Direction = Annotated[_Triple, Expected("[x, y, z], three numbers"), AfterValidator(_nonzero)]
+Size = Annotated[tuple[_Above0, _Above0, _Above0], Expected("[x, y, z], three numbers above 0")]
+Quaternion = Annotated[
+    tuple[_Finite, _Finite, _Finite, _Finite],
+    Expected("[w, x, y, z], four numbers of a unit quaternion"),
+    AfterValidator(_unit),
+]
+Bending = Annotated[_Above0 | tuple[_Above0, _Above0], Expected("a number above 0, or [kx, ky], two numbers above 0")]
+COUPLING = re.compile(
+    r"\s*=\s*(?:(?P<factor>[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\*\s*|(?P<minus>-)\s*)?"
+    r"(?P<leader>.+?\.(?:length|(?:start|end)\.(?:position\.[xyz]|rotate_[xyz]_deg)))"
+    r"(?:\s*(?P<sign>[-+])\s*(?P<offset>[\d.]+(?:[eE][-+]?\d+)?))?\s*"
+)
+Bounds = Annotated[
+    tuple[_Finite, _Finite] | Annotated[str, Field(strict=True)],
+    Expected('[lower, upper], two numbers, or text such as "= lead.start.position.x", "= 2 * lead.length + 0.01"'),
+]
+
+
+def coupling(text: str) -> tuple[str, float, float] | None:
+    """Return the variable that ``text`` names, the factor and the offset; None where it is of another form.
+
+    ``= NAME``, ``= -NAME``, ``= 2 * NAME``, each with ``+ 0.01`` or ``- 0.01`` behind or not.
+    """
+    found = COUPLING.fullmatch(text)
+    if found is None:
+        return None
+    try:
+        factor = float(found["factor"]) if found["factor"] else -1.0 if found["minus"] else 1.0
+        offset = float((found["sign"] or "") + (found["offset"] or "0"))
+    except ValueError:  # such as 1.2.3
+        return None
+    return (found["leader"], factor, offset) if max(abs(factor), abs(offset)) <= LARGEST else None
+
+
+MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]

@@ -1,0 +1,294 @@
+"""A Problem as the text of a problem file, laid out for people, with no digit lost."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+from tomlkit.items import InlineTable, Item, Table
+
+from harness_opt.errors import ProblemError
+from harness_opt.files.places import Places
+from harness_opt.files.poses_table import parse_poses, poses_text
+from harness_opt.files.tolerance_table import content_of
+from harness_opt.model.bodies import BodyMotion, Hinge, Poses, Slide
+from harness_opt.model.problem import (
+    Body,
+    Box,
+    Cable,
+    CableRun,
+    Capsule,
+    Cylinder,
+    End,
+    Limits,
+    MeshFile,
+    Part,
+    Problem,
+    Shape,
+    Sphere,
+)
+from harness_opt.numerics import rotations
+
+Rows = list[tuple[str, Any, str]]  # key, value (None leaves it out), unit for the comment
+
+MOST_DIGITS = 17  # significant digits that tell any two doubles apart
+
+
+def problem_text(problem: Problem, file: Path) -> tuple[str, dict[Path, bytes]]:
+    """Return the text of a problem file and the tables of poses that must be written with it.
+
+    Args:
+        problem: what to write.
+        file: absolute path the text is for; paths in it are relative to its folder.
+
+    Returns:
+        The TOML text, and the contents of CSV files by absolute path.
+
+    Raises:
+        OSError: a mesh or a table outside of the folder cannot be read.
+    """
+    pending: dict[Path, bytes] = {}
+    places = Places.around(file.parent)
+    document = tomlkit.document()
+    _fill(
+        document,
+        [
+            ("schema", 1, ""),
+            ("title", problem.title or None, ""),
+            ("gravity", _numbers(problem.gravity) if any(problem.gravity) else None, "m/s2"),
+        ],
+    )
+    _section(document, "cables", {name: _cable(run) for name, run in problem.cables.items()})
+    bodies = {name: _body(name, body, file, pending) for name, body in problem.bodies.items()}
+    _section(document, "bodies", bodies)
+    step = None if problem.spatial_step is None else float(problem.spatial_step)
+    path = [
+        ("duration", float(problem.duration), "s, for playback"),
+        ("out_and_back", True if problem.out_and_back else None, "half the motion out, half of it back"),
+        ("spatial_step", step, "m, most that a clamp moves between two solved frames"),
+    ]
+    document["motion"] = _fill(tomlkit.table(), path)
+    _section(document, "parts", {name: _part(part, places) for name, part in problem.parts.items()})
+    limits = _fill(tomlkit.table(), _limit_rows(problem.limits))
+    if limits:
+        document["limits"] = limits
+    _design(document, problem)
+    _robust(document, problem)
+    return tomlkit.dumps(document), pending
+
+
+# --- TOML ----------------------------------------------------------------------------------------------
+
+
+def _fill(table: Any, rows: Rows) -> Any:
+    """Add what is not None of ``rows`` to ``table``, with the units as comments."""
+    for key, value, unit in rows:
+        if value is not None:
+            item = value if isinstance(value, Item) else tomlkit.item(value)
+            if unit:
+                item.comment(unit)
+            table.add(key, item)
+    return table
+
+
+def _section(document: Any, name: str, tables: dict[str, Table]) -> None:
+    """Add ``[name.key]`` for each of ``tables``."""
+    if tables:
+        parent = tomlkit.table(is_super_table=True)
+        for key, table in tables.items():
+            parent.add(key, table)
+        document[name] = parent
+
+
+def _inline(rows: Rows) -> InlineTable:
+    return _fill(tomlkit.inline_table(), [(key, value, "") for key, value, _ in rows])
+
+
+def _numbers(values: Iterable[float] | None) -> list[float] | None:
+    return None if values is None else [float(value) for value in values]
+
+
+def _degrees(angle: float) -> float:
+    """Return the shortest number of degrees that reads back as ``angle``, rad: 110 where 110 was typed.
+
+    Not every double in radians is the image of one in degrees; the nearest is taken then.
+    """
+    middle = math.degrees(angle)
+    for close in (middle, math.nextafter(middle, math.inf), math.nextafter(middle, -math.inf)):
+        for digits in range(1, MOST_DIGITS + 1):
+            rounded = float(f"{close:.{digits}g}")
+            if math.radians(rounded) == angle:
+                return rounded
+    return middle
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Return ``path`` seen from ``folder``, with forward slashes; absolute where they share no drive."""
+    absolute = path.parent.resolve() / path.name
+    try:
+        return Path(os.path.relpath(absolute, folder)).as_posix()
+    except ValueError:  # another drive of Windows
+        return absolute.as_posix()
+
+
+# --- sections ------------------------------------------------------------------------------------------
+
+
+def _cable(run: CableRun) -> Table:
+    cable: Cable = run.cable
+    bending = cable.bending_stiffness
+    rows: Rows = [
+        ("length", float(cable.length), "m"),
+        ("diameter", float(cable.diameter), "m"),
+        ("bending_stiffness", _numbers(bending) if isinstance(bending, tuple) else float(bending), "N m2"),
+        ("torsional_stiffness", float(cable.torsional_stiffness), "N m2"),
+        ("mass_per_length", float(cable.mass_per_length) or None, "kg/m"),
+        ("rest_curvature", _numbers(cable.rest_curvature) if any(cable.rest_curvature) else None, "1/m"),
+        ("bow", _numbers(run.bow), "to which side it bows at the start"),
+        ("start", _end(run.start), ""),
+        ("end", _end(run.end), ""),
+    ]
+    return _fill(tomlkit.table(), rows)
+
+
+def _end(end: End) -> InlineTable:
+    return _inline(
+        [
+            ("body", end.body, ""),
+            ("position", _numbers(end.position), ""),
+            ("force", _numbers(end.force), ""),
+            ("quaternion", _numbers(end.quaternion), ""),
+            ("moment", _numbers(end.moment), ""),
+            ("turns", end.turns or None, ""),
+        ]
+    )
+
+
+def _body(name: str, body: Body, file: Path, pending: dict[Path, bytes]) -> Table:
+    if body.motion is None:
+        return tomlkit.table()
+    table = tomlkit.table(is_super_table=True)
+    table.add("motion", _fill(tomlkit.table(), _motion_rows(name, body.motion, file, pending)))
+    return table
+
+
+def _motion_rows(name: str, motion: BodyMotion, file: Path, pending: dict[Path, bytes]) -> Rows:
+    if isinstance(motion, Hinge):
+        return [
+            ("kind", "hinge", ""),
+            ("point", _numbers(motion.point), "m"),
+            ("axis", _numbers(motion.axis), ""),
+            ("from_deg", _degrees(motion.start), ""),
+            ("to_deg", _degrees(motion.stop), ""),
+        ]
+    if isinstance(motion, Slide):
+        return [
+            ("kind", "slide", ""),
+            ("direction", _numbers(motion.direction), ""),
+            ("from", float(motion.start), "m"),
+            ("to", float(motion.stop), "m"),
+        ]
+    table = motion.file
+    if table is None or not _holds(table, motion):
+        table = file.parent / f"{file.stem}_{name}.csv"
+        pending[table] = poses_text(motion).encode()
+    sha256 = None if table in pending else Places.around(file.parent).sha256_of(table)
+    return [
+        ("kind", "poses", ""),
+        ("file", _relative(table, file.parent), "t, x, y, z, qw, qx, qy, qz"),
+        ("file_sha256", sha256, ""),
+    ]
+
+
+def _holds(table: Path, poses: Poses) -> bool:
+    """Return whether the file ``table`` still holds ``poses``."""
+    try:
+        return parse_poses(table.read_bytes(), table) == dataclasses.replace(poses, file=table)
+    except (OSError, ProblemError):
+        return False
+
+
+def _part(part: Part, places: Places) -> Table:
+    moved = any(part.position)
+    turned = not np.array_equal(part.quaternion, rotations.IDENTITY)
+    rows: Rows = [
+        ("body", part.body, ""),
+        *_shape_rows(part.shape, places),
+        ("position", _numbers(part.position) if moved else None, "m"),
+        ("quaternion", _numbers(part.quaternion) if turned else None, ""),
+        ("clearance", None if part.clearance is None else float(part.clearance), "m"),
+    ]
+    return _fill(tomlkit.table(), rows)
+
+
+def _shape_rows(shape: Shape, places: Places) -> Rows:
+    if isinstance(shape, MeshFile):
+        return [
+            ("mesh", _relative(shape.path, places.folder), ""),
+            ("mesh_unit", shape.unit, ""),
+            ("mesh_sha256", places.sha256_of(shape.path), ""),
+            ("shell", True if shape.shell else None, ""),
+        ]
+    if isinstance(shape, Box):
+        return [("box", _inline([("size", _numbers(shape.size), "")]), "m")]
+    if isinstance(shape, Sphere):
+        return [("sphere", _inline([("radius", float(shape.radius), "")]), "m")]
+    kind = {Cylinder: "cylinder", Capsule: "capsule"}[type(shape)]
+    sizes = [("radius", float(shape.radius), ""), ("length", float(shape.length), "")]
+    return [(kind, _inline(sizes), "m")]
+
+
+def _limit_rows(limits: Limits) -> Rows:
+    given = {key: None if value is None else float(value) for key, value in dataclasses.asdict(limits).items()}
+    twist = given["twist"]
+    return [
+        ("clearance", given["clearance"], "m"),
+        ("bend_radius", given["bend_radius"], "m"),
+        ("twist_deg_per_m", None if twist is None else _degrees(twist), ""),
+        ("clamp_force", given["clamp_force"], "N"),
+        ("clamp_moment", given["clamp_moment"], "N m"),
+    ]
+
+
+def _design(document: Any, problem: Problem) -> None:
+    design = problem.design
+    if design == type(design)():
+        return
+    goal: Rows = [("minimise", design.minimise, "change | length")]
+    if design.maximise is not None:
+        goal = [("maximise", design.maximise, "the largest worst margin")]
+    table = _fill(tomlkit.table(), [*goal, ("snaps", True if design.snaps else None, "allowed")])
+    if design.weights:
+        table.add("weights", _fill(tomlkit.table(), [(name, float(w), "") for name, w in design.weights.items()]))
+    if design.variables:
+        units = {"deg": "degrees, from the pose given"}
+        rows: Rows = [(v.name, [float(v.lower), float(v.upper)], units.get(v.name[-3:], "m")) for v in design.variables]
+        rows += [(c.name, f"= {c.words}", "") for c in design.couplings]
+        table.add("variables", _fill(tomlkit.table(), rows))
+    document["design"] = table
+
+
+def _robust(document: Any, problem: Problem) -> None:
+    robust = problem.robust
+    if robust is None:
+        return
+    quantile = robust.hold == "quantile"
+    rows: Rows = [
+        ("hold", robust.hold, "quantile | corners"),
+        ("share", float(robust.share) if quantile else None, "of what is built"),
+        ("samples", robust.samples, "of the Monte Carlo study that verifies it"),
+        ("seed", robust.seed or None, ""),
+    ]
+    table = _fill(tomlkit.table(), rows)
+    tolerances = {
+        key: _inline([(name, value, "") for name, value in content_of(spread).items()])
+        for key, spread in robust.tolerances.items()
+    }
+    table.add("tolerances", _fill(tomlkit.table(), [(key, value, "") for key, value in tolerances.items()]))
+    document["robust"] = table

@@ -1,0 +1,53 @@
+"""Checks of single values that a user gave: each returns the value, or says what was found and what is expected."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from harness_opt.errors import ProblemError
+from harness_opt.numerics import rotations
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+UNIT_TOLERANCE = 1e-6  # largest | |q| - 1 | that is taken as rounding of a typed unit quaternion
+
+
+def numbers(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
+    """Return ``value`` as ``count`` finite floats, or raise ProblemError naming ``name``."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ProblemError(f"{name}: found {value!r}, expected {count} numbers") from None
+    if array.shape != (count,) or not np.all(np.isfinite(array)):
+        raise ProblemError(f"{name}: found {value!r}, expected {count} finite numbers")
+    return tuple(array.tolist())
+
+
+def quaternion(name: str, value: ArrayLike) -> Quaternion:
+    """Return ``value`` as a unit quaternion, or raise ProblemError naming ``name``."""
+    q = numbers(name, value, 4)
+    if abs(math.hypot(*q) - 1.0) > UNIT_TOLERANCE:
+        raise ProblemError(f"{name}: found a quaternion of length {math.hypot(*q):.6g}, expected a unit quaternion")
+    return tuple(rotations.unit(q).tolist())
+
+
+def positive(name: str, value: float, *, zero: bool = False) -> float:
+    """Return ``value`` as a finite number above 0 (or, with ``zero``, of at least 0), or raise ProblemError."""
+    wanted = "a number of at least 0" if zero else "a number above 0"
+    if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
+        raise ProblemError(f"{name}: found {value!r}, expected {wanted}")
+    if not math.isfinite(value) or value < 0 or (value == 0 and not zero):
+        raise ProblemError(f"{name}: found {value!r}, expected {wanted}")
+    return float(value)
+
+
+def direction(name: str, value: ArrayLike) -> Vector:
+    """Return ``value`` as a vector that is not zero, or raise ProblemError naming ``name``."""
+    vector = numbers(name, value, 3)
+    if not any(vector):
+        raise ProblemError(f"{name}: found {value!r}, expected a direction, not a zero vector")
+    return vector  # type: ignore[return-value]

@@ -1,0 +1,123 @@
+"""The whole motion: frames along the path of the clamps, every cable followed from frame to frame.
+
+The paper's dispersion, section 4.2: the moving clamp's trail is cut by a spatial step, one shape is solved for each
+point.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+from numpy.typing import ArrayLike
+
+from harness_opt.errors import ProblemError, SolveError, Status
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import Followed, Motion, Snap
+from harness_opt.motion.follower import Progress
+from harness_opt.motion.paper_sweep import sweep_by_quadrature
+from harness_opt.motion.path import given_frames, left_out, place_frames
+from harness_opt.motion.sweep import TOLERANCE, followed, sweep
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.threads import one_thread
+from harness_opt.rod.states import Rod
+from harness_opt.statics.equilibrium import Shape, check_method
+from harness_opt.statics.paper_pose import Quadrature
+
+
+@one_thread
+def simulate(  # noqa: PLR0913
+    problem: Problem,
+    *,
+    spatial_step: float | None = None,
+    frames: ArrayLike | None = None,
+    elements: int | None = None,
+    tolerance: float = TOLERANCE,
+    solver: str = "gauss-newton",
+    transcription: str = "collocation",
+    points: int | None = None,
+    closure: bool = False,
+    first: Mapping[str, Shape] | None = None,
+    progress: Progress | None = None,
+    throw: bool = True,
+) -> Motion:
+    """Return the shapes of all cables over the whole motion.
+
+    Args:
+        problem: what to simulate.
+        spatial_step: m; in place of the problem's own.
+        frames: motion values (P,) to solve at, increasing within 0 to 1; in place of a spatial step.
+        elements: least number of elements of a cable; None leaves it to ``tolerance``.
+        tolerance: of the centrelines, in lengths of the cable.
+        solver: name, as in :func:`harness_opt.equilibrium`.
+        transcription: "collocation", or "dqm": the paper's own, each profile from the one before.
+        points, closure: of "dqm", as in :func:`harness_opt.equilibrium`.
+        first: shapes of the first frame, by cable, such as one of :func:`harness_opt.equilibria`; the others are
+            found from their clamps alone.
+        progress: called with a cable's name, frames done, frames in all; where it raises KeyboardInterrupt, the motion
+            ends there, with the status INTERRUPTED.
+        throw: raise where a shape cannot be found, or return the motion solved until there.
+
+    Raises:
+        ProblemError: ends that no shape can join; frames that do not increase from 0 to 1; a spatial step and frames
+            both.
+        SolveError: a shape could not be found; ``partial`` is the motion until there.
+    """
+    check_method(transcription, solver)
+    options = Quadrature(points, closure, solver, tolerance)
+    begin = time.perf_counter()
+    motion = place_frames(problem, spatial_step) if frames is None else given_frames(frames, spatial_step)
+    begins = _first_shapes(problem, first)
+    cables: dict[str, Followed] = {}
+    for name in problem.cables:
+        if transcription == "dqm":
+            cables[name] = sweep_by_quadrature(problem, name, motion, options, begins.get(name), progress)
+        else:
+            swept = sweep(
+                problem, name, motion, tolerance=tolerance, solver=solver, elements=elements, first=begins.get(name),
+                progress=progress,
+            )  # fmt: skip
+            cables[name] = followed(swept)
+        if cables[name].status is Status.INTERRUPTED:
+            break
+    result = collect(problem, motion, cables, time.perf_counter() - begin)
+    if throw and not result.ok:
+        raise SolveError(result.message, result.status, result)
+    return result
+
+
+def _first_shapes(problem: Problem, first: Mapping[str, Shape] | None) -> dict[str, Rod]:
+    """Return the solved rods of the shapes that the first frame is to have.
+
+    Raises:
+        ProblemError: a shape of no cable of the problem, or one that was not found itself.
+    """
+    given = dict(first or {})
+    known = ", ".join(problem.cables)
+    mistakes = [f"first: found {name!r}, expected one of {known}" for name in given if name not in problem.cables]
+    mistakes += [
+        f"first.{name}: found no shape ({shape.status.value}), expected a solved one"
+        for name, shape in given.items()
+        if not shape.ok
+    ]
+    if mistakes:
+        raise ProblemError(mistakes)
+    return {name: shape.rod for name, shape in given.items()}
+
+
+def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], seconds: float) -> Motion:
+    """Return the motion that ``cables`` hold, cut to the frames that all cables with any frame have."""
+    solved = {name: found.shapes for name, found in cables.items() if found.shapes is not None}
+    frames = min((len(shapes.position) for shapes in solved.values()), default=0)
+    failed = [found for found in cables.values() if not found.status.ok]
+    snaps = [Snap(name, k, at) for name, found in cables.items() for k, at in found.snaps if k < frames]
+    return Motion(
+        problem,
+        motion[:frames],
+        {name: shapes.first(frames) for name, shapes in solved.items()},
+        failed[0].status if failed else Status.OK,
+        "; ".join(found.message for found in failed),
+        tuple(snaps),
+        left_out(problem),
+        {"solve": seconds},
+    )

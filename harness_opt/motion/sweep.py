@@ -1,0 +1,205 @@
+"""One cable followed from frame to frame.
+
+Each shape starts from the last ones; a cable that loses its shape is let go and lands where its energy is least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from harness_opt.errors import Status
+from harness_opt.model.problem import End, Problem
+from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.motion.common_mesh import on_one_mesh
+from harness_opt.motion.follower import Follower, Progress
+from harness_opt.motion.frames import Frames, batch, blocks
+from harness_opt.numerics.rotations import Array
+from harness_opt.rod import equations as rod_module
+from harness_opt.rod.equations import Units
+from harness_opt.rod.stability import Stability, stability
+from harness_opt.rod.states import Rod
+from harness_opt.statics.mesh import finer_mesh
+from harness_opt.statics.solve import Solved, resample, settled, solve_on
+
+Rigour = Literal["full", "stable", "look"]
+
+FEW = 20  # frames that are too inaccurate, up to which their valleys are looked for
+TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One cable followed over the frames, with the solver's own objects; not for keeping.
+
+    Args:
+        frames: a solve each, all on one mesh; fewer than asked where ``status`` says so.
+        origins: world position of the cable's start, (P, 3), m.
+        units: of the cable.
+        stability: of the frames, batched.
+        errors: estimated, (P,), in lengths of the cable.
+        snaps: (frame, motion) of each jump.
+        status, message: why the sweep ended early; OK and empty otherwise.
+    """
+
+    frames: Sequence[Solved]
+    origins: Array
+    units: Units
+    stability: Stability
+    errors: Array
+    snaps: tuple[tuple[int, float], ...]
+    status: Status
+    message: str
+
+    @property
+    def rod(self) -> Rod:
+        """All frames as one batch."""
+        return batch(self.frames)
+
+
+def start_positions(ends: Sequence[tuple[End, End]], last: Array, units: Units) -> Array:
+    """Return the world positions (P, 3) of a cable's start, m: given, or the end's less where the shape leads.
+
+    Args:
+        ends: in world coordinates, of P frames or more.
+        last: the shapes' own end, relative to their start, (P, 3), in lengths of the cable.
+        units: of the cable.
+    """
+    return np.array(
+        [
+            start.position if start.position is not None else np.asarray(end.position) - units.length * r
+            for (start, end), r in zip(ends, last, strict=False)
+        ]
+    )
+
+
+def sweep(
+    problem: Problem,
+    name: str,
+    motion: Array,
+    *,
+    tolerance: float = TOLERANCE,
+    solver: str = "gauss-newton",
+    elements: int | None = None,
+    first: Rod | None = None,
+    guesses: Sequence[Solved | None] | None = None,
+    rigour: Rigour = "full",
+    progress: Progress | None = None,
+) -> Sweep:
+    """Follow the cable ``name`` over ``motion`` (P,).
+
+    Args:
+        problem: the problem.
+        name: of the cable.
+        motion: values of the frames.
+        tolerance: of the centreline, in lengths of the cable; the mesh is refined and the frames solved again until
+            it holds.
+        solver: name.
+        elements: least number of elements; None leaves it to the tolerance.
+        first: the shape of the first frame, of a like cable; None leaves it to a cold start.
+        guesses: solves of a like motion to start from, one a frame or None.
+        rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
+            the same; "look" leaves out stability and accuracy both, for a first look at a design.
+        progress: called with the cable's name, frames done, frames in all.
+    """
+    look = rigour == "look"
+    follower = Follower(problem, name, motion, solver, elements or 0, progress)
+    try:
+        status, message = follower.run_all(first, guesses, check=not look)
+    except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
+        status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
+    frames = on_one_mesh(follower.frames, solver)
+    if len(frames) < len(follower.frames):
+        status, message = Status.STEP_TOO_SMALL, follower.failure(len(frames), "no mesh serves for all frames")
+    units = rod_module.scale(follower.run.cable)[1]
+    if not frames:
+        empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
+        return Sweep(frames, np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
+    errors = np.full(len(frames), np.nan)
+    if not look:
+        frames, errors = accurate(frames, tolerance, solver)
+    if not look and status.ok and not np.max(errors) <= tolerance:
+        worst = int(np.argmax(errors))
+        status = Status.INACCURATE
+        message = (
+            f"cable {name}, frame {worst} of {len(motion)}: {status.value} (estimated error {errors[worst]:.1e} of its "
+            f"length, asked for {tolerance:.1e}); try a looser tolerance"
+        )
+    if rigour == "full":
+        answer = _stability(frames)
+    else:
+        answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
+    origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
+    return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
+
+
+def _stability(frames: Sequence[Solved]) -> Stability:
+    """Return the stability of all frames, batched."""
+    kind = frames[0].case.boundary.kind
+    found = [stability(rods, kind) for rods in blocks(frames)]
+    return Stability(*(np.concatenate([getattr(one, key) for one in found]) for key in ("margin", "index")))
+
+
+def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Array]:
+    """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
+    possible.
+    """
+    before = np.inf
+    while True:
+        errors, local = frames.errors()
+        loose = np.flatnonzero(~(errors <= tolerance))
+        if 0 < len(loose) <= FEW:
+            changed = {k: walked for k in loose.tolist() if (walked := settled(frames[k])) is not frames[k]}
+            if changed:
+                frames = Frames((changed.get(k, frame) for k, frame in enumerate(frames)), frames.most_held)
+                errors, local = frames.errors()
+        worst = float(np.max(errors))
+        if worst <= tolerance:
+            return frames, errors
+        mesh = finer_mesh(frames[0].bound.mesh, local, worst / tolerance, before)
+        if mesh is None:
+            return frames, errors
+        before = worst / tolerance
+        again = Frames(most_held=frames.most_held)
+        shapes = (x for rods in blocks(frames) for x in resample(rods, mesh))
+        for frame, x in zip(frames, shapes, strict=True):
+            solved = solve_on(frame.case, mesh, x, solver, near=again[-1] if again else None)
+            if not solved.ok or solved.turned:
+                return frames, errors
+            again.append(solved)
+        frames = again
+
+
+def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
+    """Return the plain arrays of a sweep at equally spaced stations."""
+    units = swept.units
+    s, count = np.linspace(0.0, 1.0, stations), len(swept.frames)
+    # a block at a time into its place: all frames are not there twice
+    r, omega, force, moment = (np.empty((count, stations, 3)) for _ in range(4))
+    q, first = np.empty((count, stations, 4)), 0
+    for rods in blocks(swept.frames):
+        some = slice(first, first + len(rods.q))
+        samples, first = rods.sample(s), some.stop
+        r[some] = swept.origins[some, None, :] + units.length * samples.r
+        q[some], omega[some] = samples.q, samples.omega / units.length
+        force[some], moment[some] = units.force * samples.force, units.moment * samples.moment
+    return CableMotion(
+        s * units.length,
+        r,
+        q,
+        omega,
+        force,
+        moment,
+        swept.stability.index == 0,
+        swept.stability.margin,
+        np.array([frame.solution.residual for frame in swept.frames]),
+        swept.errors,
+    )
+
+
+def followed(swept: Sweep) -> Followed:
+    """Return the plain results of a sweep."""
+    return Followed(cable_motion(swept) if swept.frames else None, swept.snaps, swept.status, swept.message)

@@ -1,0 +1,113 @@
+"""Solving along a valley: equations that determine all directions but one well, and that one hardly at all.
+
+A loop slides along a cable, or a cable about its clamps, almost for nothing; Newton's steps along that direction are
+then as long as their linearisation is wrong. So the direction is taken out (the Lyapunov-Schmidt reduction): with the
+null vectors u and v of the Jacobian,
+
+    R(x) + mu u = 0,    v . (x - x0) = t
+
+is well conditioned and gives a curve x(t), the floor of the valley, and mu(t), how steep it is there. What is left is
+one equation in one unknown, mu(t) = 0. Govaerts, "Numerical Methods for Bifurcations of Dynamical Equilibria",
+sections 3.2 and 3.3. Where the energy is known, the walk goes down, past places where the floor is nearly level: the
+slope alone does not tell these from a rest that is near.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse.linalg as spla
+
+from harness_opt.errors import Status
+from harness_opt.numerics.interface import Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.linear import LIGHT, bordered_matrix, null_vectors
+
+STEPS, FEW = 120, 6  # along the valley: as far as it goes, or nearby
+RISES = 4  # steps to where a slope of the same sign is steeper: one that has no root is least somewhere, and rises
+CORRECTIONS = 8  # Newton steps back to its floor
+DIVERGED = 2.0  # times what was missed before: Newton's steps do not come back
+FIRST_STEP = 0.1  # of x
+GROWTH, CAREFUL = 3.0, 1.25  # most that a step may be longer than the last one: at first, and after one was too long
+BEND = 0.5  # rad, most that the valley may turn in a step
+SMALLEST_STEP = 1e-6
+BLURRED = 1e-10  # relative: a change of the energy that the solver may have made by what it leaves
+
+
+def solve(
+    problem: LeastSquares,
+    x: Array,
+    options: Options,
+    energy: Callable[[Array], float] | None = None,
+    *,
+    steps: int = STEPS,
+) -> Solution:
+    """Solve ``problem``, of as many equations as unknowns, from ``x`` (n,) near the floor of a valley.
+
+    It never raises for lack of convergence: the status says how it ended.
+
+    Args:
+        problem, x, options: as of every solver.
+        energy: what solutions are stationary points of; None where there is none.
+        steps: most that are taken along the valley.
+    """
+    step, spent, rises, down, growth = 0.0, 0, 0, 0.0, GROWTH
+    steep: float | None = None
+    level: float | None = None
+    across = null_vectors(problem.linearise(x)[1])
+    for _ in range(steps):
+        if across is None:
+            break
+        found, used = _floor(problem, x, across, step, options.tolerance)
+        spent += used
+        beyond = None if found is None else null_vectors(problem.linearise(found[0])[1], across)
+        if found is None or beyond is None or (step and np.linalg.norm(beyond[1] - across[1]) > BEND):
+            step, growth = 0.5 * step, CAREFUL
+            if abs(step) < SMALLEST_STEP:
+                break
+            continue
+        (x, slope), across = found, beyond
+        residual = largest(problem.residual(x))
+        if residual <= options.tolerance:
+            return Solution(x, Status.OK, residual, spent)
+        if energy is not None and not down:
+            above, level = level, energy(x)
+            if above is not None and abs(level - above) > BLURRED * (1.0 + abs(level)):
+                down = float(np.sign(step * (above - level) * (steep or slope)))  # times the slope: which way is down
+        rises += not down and steep is not None and slope * steep > 0.0 and abs(slope) > abs(steep)
+        if rises > RISES:
+            break
+        longest = growth * abs(step)
+        if steep is None:
+            step = FIRST_STEP
+        elif steep == slope:
+            step *= growth
+        else:
+            step = float(np.clip(slope / (steep - slope) * step, -longest, longest))
+        if down and step * down * slope < 0.0:  # away from where the slope would vanish, but on the way down
+            step = float(np.copysign(longest, -step))
+        steep = slope
+    return Solution(x, Status.STALLED, largest(problem.residual(x)), spent)
+
+
+def _floor(
+    problem: LeastSquares, x: Array, across: tuple[Array, Array], step: float, tolerance: float
+) -> tuple[tuple[Array, float] | None, int]:
+    """Return the point of the floor ``step`` along the valley from ``x``, its steepness, and the iterations spent.
+
+    None in place of the point where they do not converge.
+    """
+    left, right = across
+    there, slope, before = x + step * right, 0.0, np.inf
+    for iteration in range(CORRECTIONS + 1):
+        residual, jacobian = problem.linearise(there)
+        missed = np.append(residual + slope * left, LIGHT * (right @ (there - x) - step))
+        size = largest(missed)
+        if size <= tolerance:
+            return (there, slope), iteration
+        if iteration == CORRECTIONS or size > DIVERGED * before or not np.all(np.isfinite(jacobian.data)):
+            break
+        before = size
+        change = spla.splu(bordered_matrix(jacobian, left, right), permc_spec="NATURAL").solve(-missed)
+        there, slope = there + change[:-1], slope + float(change[-1])
+    return None, iteration

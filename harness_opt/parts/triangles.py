@@ -1,0 +1,59 @@
+"""Parts as triangles: for whatever draws or exports them, with as many as there is room for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from harness_opt.model.problem import Box, Capsule, Cylinder
+from harness_opt.numerics.rotations import Array, matrix
+from harness_opt.numerics.vectors import Indices
+from harness_opt.parts.geometry import Primitive
+from harness_opt.parts.scene import Geometry, Mesh
+
+GRID = 65_535  # steps along the longest side of a part's box: vertices are 16-bit numbers
+COARSEST = 16  # steps of the coarsest grid that a part is rounded to
+COARSER = 2048  # steps of the first grid that merges vertices on purpose
+ROUND = 48  # sides of a cylinder
+
+
+def triangles(part: Geometry) -> tuple[Array, Indices]:
+    """Return the vertices (k, 3), m, and faces (m, 3) of a part in the coordinates of its body."""
+    if isinstance(part, Mesh):
+        return part.vertices, part.faces
+    if not isinstance(part, Primitive):
+        raise TypeError(f"found a part of the kind {type(part).__name__}, expected a mesh or a primitive")
+    import trimesh
+
+    shape = part.shape
+    if isinstance(shape, Box):
+        made = trimesh.creation.box(shape.size)
+    elif isinstance(shape, Cylinder):
+        made = trimesh.creation.cylinder(shape.radius, shape.length, sections=ROUND)
+    elif isinstance(shape, Capsule):
+        made = trimesh.creation.capsule(shape.length, shape.radius, count=[ROUND, ROUND // 2])
+        made.apply_translation([0.0, 0.0, -made.bounds.mean(axis=0)[2]])
+    else:
+        made = trimesh.creation.icosphere(subdivisions=4, radius=shape.radius)
+    vertices = np.asarray(made.vertices) @ matrix(part.quaternion).T + part.position
+    return vertices, np.asarray(made.faces)
+
+
+def on_grid(vertices: Array, faces: Indices, most: int) -> tuple[Array, Array, Indices, Indices]:
+    """Return lower corner (3,) and steps (3,) of a grid, vertices (k, 3) as whole numbers on it, and faces (m, 3).
+
+    Vertices at one place of the grid are one. It is as coarse as leaves at most ``most`` faces, but no coarser than
+    16 steps a side; faces without area go (Rossignac and Borrel, 1993: vertex clustering).
+    """
+    used = vertices[np.unique(faces)]
+    lower, upper = used.min(axis=0), used.max(axis=0)
+    cells = GRID
+    while True:
+        step = np.maximum(np.max(upper - lower) / cells, 1e-12) * np.ones(3)
+        rounded = np.rint((vertices - lower) / step).astype(np.int64)
+        unique, index = np.unique(rounded, axis=0, return_inverse=True)
+        kept = index.reshape(-1)[faces]
+        solid = (kept[:, 0] != kept[:, 1]) & (kept[:, 1] != kept[:, 2]) & (kept[:, 2] != kept[:, 0])
+        kept = kept[solid]
+        if len(kept) <= most or cells <= COARSEST:
+            return lower, step, unique, kept
+        cells = min(cells // 2, COARSER)

@@ -1,0 +1,187 @@
+"""What is drawn at one moment of a motion: parts as solids, cables as tubes in the colours of their clearances.
+
+No theme is changed: every colour and every size is given where it is used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness_opt.clearance import along_cable as colouring
+from harness_opt.clearance.centreline import Curve
+from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.model.problem import Box, Capsule, Cylinder
+from harness_opt.model.results import CableMotion, Motion
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.parts.scene import Geometry, Mesh, Primitive, Scene
+from harness_opt.pictures.opengl import load_pyvista
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+SIZE = (1600, 900)  # pixels: a slide of 16 : 9
+SIDES = 24  # of a tube
+POINTS = 241  # along a drawn cable, so that colours change where they should
+FEATURE_ANGLE = 30.0  # degrees between faces from which an edge is drawn
+
+TOUCHES, SHORT = "#e0141e", "#f28e1c"
+CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # far from the two of trouble
+AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
+STILL_PART, MOVING_PART, HIT_PART = "#c9cdd2", "#a9b4c2", "#f0a8a4"
+EDGE, INK = "#3c434b", "#1e2328"
+TUBE: dict[str, Any] = {"ambient": 0.12, "specular": 0.25, "render": False}
+ENDS = {"start": 0, "end": -1}  # of a cable, and their stations
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One frame of a motion.
+
+    Args:
+        motion: the whole of it.
+        scene: its parts.
+        frame: its number.
+        still: clearances of that frame alone.
+        palette: the cables' colours, in order.
+    """
+
+    motion: Motion
+    scene: Scene
+    frame: int
+    still: ClearanceResult
+    palette: tuple[str, ...] = CABLES
+
+    @staticmethod
+    def of(motion: Motion, scene: Scene, frame: int, palette: tuple[str, ...] = CABLES) -> Moment:
+        """Return a frame of ``motion``, its clearances measured."""
+        only = slice(frame, frame + 1)
+        cables = {
+            name: CableMotion(shapes.s, *(value[only] for key, value in vars(shapes).items() if key != "s"))
+            for name, shapes in motion.cables.items()
+        }
+        return Moment(motion, scene, frame, measure(motion.problem, scene, motion.motion[only], cables), palette)
+
+    @property
+    def colours(self) -> dict[str, str]:
+        """The colour of each cable, by name."""
+        return {name: self.palette[i % len(self.palette)] for i, name in enumerate(self.motion.cables)}
+
+    @property
+    def touched(self) -> set[str]:
+        """Names of the parts that a cable runs into."""
+        return {pair.obstacle for pair in self.still.pairs if pair.worst < 0 and pair.obstacle in self.scene.parts}
+
+    def pose(self, body: str) -> tuple[Array, Array]:
+        """Return the position (3,) and quaternion (4,) of ``body``."""
+        return pose_at(self.motion, self.frame, body)
+
+
+def pose_at(motion: Motion, frame: int, body: str) -> tuple[Array, Array]:
+    """Return the position (3,) and quaternion (4,) of ``body`` in a frame of ``motion``."""
+    position, quaternion = motion.problem.poses(body, motion.motion[frame])
+    return position[0], quaternion[0]
+
+
+def look(moment: Moment, part: Geometry) -> tuple[float, str]:
+    """Return the opacity and the colour of a part; what a cable runs into is glass, to see it inside."""
+    if part.name in moment.touched:
+        return 0.42, HIT_PART
+    return 1.0, STILL_PART if moment.motion.problem.body(part.body).motion is None else MOVING_PART
+
+
+def add_solid(plotter: pv.Plotter, name: str, mesh: pv.PolyData, opacity: float, colour: str) -> None:
+    """Draw a solid with smooth faces and its sharp edges."""
+    actor = plotter.add_mesh(mesh, name=name, color=colour, opacity=opacity, ambient=0.15, specular=0.1, render=False)
+    actor.prop.interpolation = "phong"
+    edges = mesh.extract_feature_edges(FEATURE_ANGLE, manifold_edges=False, non_manifold_edges=False)
+    if edges.n_cells:
+        style: dict[str, Any] = {"color": EDGE, "line_width": 2, "lighting": False, "render": False}
+        plotter.add_mesh(edges, name=f"edges of {name}", opacity=min(1.0, 2.5 * opacity), **style)
+
+
+def add_cable(plotter: pv.Plotter, moment: Moment, name: str) -> pv.Actor:
+    """Draw a cable in the colours of its clearances, and return its actor."""
+    drawn = tube(*cable_colours(moment, name), moment.motion.problem.cables[name].cable.radius)
+    return plotter.add_mesh(drawn, name=f"cable:{name}", scalars="colour", rgb=True, reset_camera=False, **TUBE)
+
+
+def cable_colours(moment: Moment, name: str) -> tuple[Array, Array]:
+    """Return points (n, 3) along a cable, m, world, and their colours (n, 3), 0 to 255.
+
+    Red where it touches something, orange where a clearance, the bend radius or the twist breaks its limit.
+    """
+    shapes, frame = moment.motion.cables[name], moment.frame
+    s = np.linspace(0.0, shapes.s[-1], POINTS)
+    points = curve_of(shapes).at(np.full(len(s), frame), s)
+    _, state = colouring.states(
+        moment.motion, moment.scene, moment.still.pairs, colouring.Points(name, frame, s, points), _reach(moment)
+    )
+    colours = np.tile(rgb(moment.colours[name]), (len(s), 1))
+    colours[state == colouring.SHORT] = rgb(SHORT)
+    colours[state == colouring.TOUCHES] = rgb(TOUCHES)
+    return points, colours
+
+
+def _reach(moment: Moment) -> float:
+    """Return how far to look for what a limit says anything about, m."""
+    return max((pair.limit or 0.0 for pair in moment.still.pairs), default=0.0)
+
+
+def solid(part: Geometry) -> pv.PolyData:
+    """Return a part as a surface with normals, in the coordinates of its body, m."""
+    pyvista = load_pyvista()
+    if isinstance(part, Mesh):
+        mesh = pyvista.PolyData.from_regular_faces(part.vertices, part.faces)
+    else:
+        assert isinstance(part, Primitive)
+        shape, along = part.shape, (0.0, 0.0, 1.0)
+        if isinstance(shape, Box):
+            mesh = pyvista.Cube(x_length=shape.size[0], y_length=shape.size[1], z_length=shape.size[2])
+        elif isinstance(shape, Cylinder):
+            mesh = pyvista.Cylinder(direction=along, radius=shape.radius, height=shape.length, resolution=96)
+        elif isinstance(shape, Capsule):
+            mesh = pyvista.Capsule(direction=along, radius=shape.radius, cylinder_length=shape.length, resolution=48)
+        else:
+            mesh = pyvista.Sphere(radius=shape.radius, theta_resolution=64, phi_resolution=64)
+        mesh = mesh.triangulate().clean().transform(placement(part.position, part.quaternion), inplace=False)
+    return mesh.compute_normals(
+        cell_normals=False, split_vertices=True, feature_angle=FEATURE_ANGLE, consistent_normals=False
+    )
+
+
+def tube(points: Array, colours: Array | None, radius: float) -> pv.PolyData:
+    """Return the tube around ``points`` (n, 3), m, with ``colours`` (n, 3) as its point data "colour"."""
+    line = load_pyvista().MultipleLines(points)
+    if colours is not None:
+        line.point_data["colour"] = colours.astype(np.uint8)
+    return line.tube(radius=radius, n_sides=SIDES, capping=True)
+
+
+def curve_of(shapes: CableMotion) -> Curve:
+    """Return the centrelines of a cable between its stations."""
+    return Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion))
+
+
+def placement(position: Array, quaternion: Array) -> Array:
+    """Return the matrix (4, 4) that puts a body at ``position`` (3,), m, turned by ``quaternion`` (4,)."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotations.matrix(quaternion), position
+    return matrix
+
+
+def rgb(colour: str) -> Array:
+    """Return red, green and blue (3,), 0 to 255, of a colour such as "#1f6fb4"."""
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], dtype=float)
+
+
+def light(plotter: pv.Plotter) -> None:
+    """Light the active view from over the eye's shoulders; strong enough that white stays white."""
+    pyvista = load_pyvista()
+    for position, intensity in (((-0.6, 0.9, 1.0), 0.9), ((0.9, 0.1, 0.8), 0.38), ((0.0, -0.8, 0.6), 0.16)):
+        plotter.add_light(
+            pyvista.Light(position=position, light_type="camera light", intensity=intensity), only_active=True
+        )

@@ -1,0 +1,234 @@
+"""Curves over the motion as plain numbers of a picture: where lines, ticks and limits go; a page draws them as SVG."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness_opt.clearance.limits import STRAIGHT, bending
+from harness_opt.clearance.measure import ClearanceResult
+from harness_opt.model.problem import Limits
+from harness_opt.model.results import CableMotion, Motion
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices
+
+WIDTH, HEIGHT = 360, 190  # of a picture, in its own unit
+LEFT, RIGHT, TOP, BOTTOM = 46, 10, 10, 24  # kept free around the curves
+TICKS = 4  # about as many along the height
+ROOM = 0.06  # of the range, kept free above and below
+REACH = 4.0  # times the limit, or the worst: what lies beyond says "far away" and is cut off
+MOST_POINTS = 600  # of a drawn curve: more than the picture has pixels
+COLOURS = 8  # of series
+MM = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Curves of one quantity over the motion.
+
+    Args:
+        title, unit: of the quantity.
+        motion: (P,), 0 to 1.
+        series: values (P,) by name, in ``unit``; NaN where not known.
+        limits: lines to stay on one side of, in ``unit``.
+        most: whether the limits are most that is allowed, or else least.
+        before: the same of the design given: its motion, and values by name.
+        bounded: whether large values are cut off because they mean "far away".
+    """
+
+    title: str
+    unit: str
+    motion: Array
+    series: Mapping[str, Array]
+    limits: Sequence[float] = ()
+    most: bool = True
+    before: tuple[Array, Mapping[str, Array]] | None = None
+    bounded: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A chart laid out in a picture of :data:`WIDTH` by :data:`HEIGHT`.
+
+    Args:
+        chart: what is drawn.
+        lines: SVG path of each series; empty where nothing is known.
+        before: the same of the design given.
+        limits: heights of the limits.
+        broken: upper edge and height of the bands that break a limit.
+        ticks: height and words of each.
+        snaps: places along the motion.
+        colours: number of the colour of each series, of the design given too.
+    """
+
+    chart: Chart
+    lines: Mapping[str, str]
+    before: Mapping[str, str]
+    limits: tuple[float, ...]
+    broken: tuple[tuple[float, float], ...]
+    ticks: tuple[tuple[float, str], ...]
+    snaps: tuple[float, ...]
+    colours: Mapping[str, int]
+
+
+# --- what is drawn -------------------------------------------------------------------------------------
+
+
+def charts(
+    motion: Motion, measured: ClearanceResult, name: str, given: tuple[Motion, ClearanceResult] | None = None
+) -> Iterator[Chart]:
+    """Give the charts of one cable: clearance, bend radius, twist, clamp force and moment, stability.
+
+    Args:
+        motion, measured: what was simulated, and its clearances.
+        name: of the cable.
+        given: the same of the design before, where there was another.
+    """
+    limits, shapes = motion.problem.limits, motion.cables[name]
+    old = given[0].cables.get(name) if given else None
+    at = given[0].motion if given else np.zeros(0)
+    near = _clearances(measured, name)
+    if near:
+        before = (at, _clearances(given[1], name)) if given and old else None
+        least = sorted({MM * pair.limit for pair in measured.pairs if pair.cable == name and pair.limit is not None})
+        yield Chart("Clearance", "mm", motion.motion, near, least, False, before, True)
+    now, then = _quantities(shapes), _quantities(old) if old else {}
+    for title, (unit, limit, most) in _kinds(limits).items():
+        before = (at, then[title]) if then else None
+        yield Chart(
+            title,
+            unit,
+            motion.motion,
+            now[title],
+            () if limit is None else (limit,),
+            most,
+            before,
+            not most and limit != 0,
+        )
+
+
+def _clearances(measured: ClearanceResult, name: str) -> dict[str, Array]:
+    pairs = [pair for pair in measured.pairs if name in (pair.cable, pair.obstacle.removeprefix("cable:"))]
+    return {_other(pair.cable, pair.obstacle, name): MM * pair.clearance for pair in pairs}
+
+
+def _other(cable: str, obstacle: str, name: str) -> str:
+    """Return the words for what ``name`` is near to."""
+    if obstacle == f"cable:{cable}":
+        return "itself"
+    if cable != name:
+        return f"cable {cable}"
+    return obstacle.replace("cable:", "cable ", 1)
+
+
+def _kinds(limits: Limits) -> dict[str, tuple[str, float | None, bool]]:
+    """Return unit, limit in that unit, and whether it is the most allowed, by title."""
+    radius = None if limits.bend_radius is None else MM * limits.bend_radius
+    twist = None if limits.twist is None else math.degrees(limits.twist)
+    return {
+        "Smallest bend radius": ("mm", radius, False),
+        "Largest twist": ("deg/m", twist, True),
+        "Clamp force": ("N", limits.clamp_force, True),
+        "Clamp moment": ("Nm", limits.clamp_moment, True),
+        "Stability margin": ("", 0.0, False),
+    }
+
+
+def _quantities(shapes: CableMotion) -> dict[str, dict[str, Array]]:
+    """Return the curves (P,) of a cable by title and name, in the units of :func:`_kinds`."""
+
+    def ends(load: Array) -> dict[str, Array]:
+        return {end: np.linalg.norm(load[:, at], axis=-1) for end, at in (("start", 0), ("end", -1))}
+
+    curvature = np.maximum(np.max(bending(shapes), axis=1), STRAIGHT)
+    return {
+        "Smallest bend radius": {"": MM / curvature},
+        "Largest twist": {"": np.degrees(np.max(np.abs(shapes.curvature[..., 2]), axis=1))},
+        "Clamp force": ends(shapes.force),
+        "Clamp moment": ends(shapes.moment),
+        "Stability margin": {"": shapes.stability_margin},
+    }
+
+
+# --- where it goes -------------------------------------------------------------------------------------
+
+
+def drawn(chart: Chart, snaps: Sequence[float] = ()) -> Drawn:
+    """Return ``chart`` laid out, with ``snaps`` at these places of the motion, 0 to 1."""
+    every = [*chart.series.values(), *(chart.before[1].values() if chart.before else ())]
+    low, high = _range(chart, every)
+
+    def height(value: float) -> float:
+        return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - TOP - BOTTOM), 1)
+
+    def path(motion: Array, values: Array) -> str:
+        return _path(motion, np.clip(values, low, high), height)
+
+    earlier = chart.before
+    bands = [(TOP, height(limit)) if chart.most else (height(limit), HEIGHT - BOTTOM) for limit in chart.limits[:1]]
+    return Drawn(
+        chart,
+        {name: path(chart.motion, values) for name, values in chart.series.items()},
+        {name: path(earlier[0], values) for name, values in earlier[1].items()} if earlier else {},
+        tuple(height(limit) for limit in chart.limits),
+        tuple((top, round(bottom - top, 1)) for top, bottom in bands if bottom > top),
+        tuple((height(tick), f"{tick:.10g}") for tick in ticks(low, high)),
+        tuple(place(snap) for snap in snaps),
+        {
+            name: number % COLOURS
+            for number, name in enumerate(dict.fromkeys([*chart.series, *(earlier[1] if earlier else ())]))
+        },
+    )
+
+
+def place(motion: float) -> float:
+    """Return how far to the right a moment of the motion stands."""
+    return round(LEFT + motion * (WIDTH - LEFT - RIGHT), 1)
+
+
+def _range(chart: Chart, every: Sequence[Array]) -> tuple[float, float]:
+    """Return the smallest and the largest value that the picture shows."""
+    values = np.concatenate([np.ravel(v) for v in every]) if every else np.zeros(0)
+    values = values[np.isfinite(values)]
+    low = min([0.0, *chart.limits, *values[:1], float(values.min(initial=0.0))])
+    high = max([*chart.limits, float(values.max(initial=0.0))])
+    if chart.bounded and len(values):
+        nearest = max([abs(float(values.min())), *(abs(limit) for limit in chart.limits)])
+        high = min(high, REACH * nearest) if nearest > 0 else high
+    span = high - low or 1.0
+    return low - (ROOM * span if low < 0 else 0.0), high + ROOM * span
+
+
+def ticks(low: float, high: float) -> list[float]:
+    """Return round numbers between ``low`` and ``high``: multiples of 1, 2 or 5 times a power of ten."""
+    rough = (high - low) / TICKS
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * (1 - 1e-9))
+    return [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+
+
+def _path(motion: Array, values: Array, height: Callable[[float], float]) -> str:
+    """Return the SVG path of a curve, with gaps where its value is not known."""
+    words, pen_up = [], True
+    for index in _kept(values):
+        if not math.isfinite(values[index]):
+            pen_up = True
+            continue
+        words.append(f"{'M' if pen_up else 'L'}{place(float(motion[index]))} {height(float(values[index]))}")
+        pen_up = False
+    return " ".join(words)
+
+
+def _kept(values: Array) -> Indices:
+    """Return the frames that a curve is drawn through: all, or of each stretch the lowest and the highest."""
+    if len(values) <= MOST_POINTS:
+        return np.arange(len(values))
+    kept = {0, len(values) - 1}
+    for stretch in np.array_split(np.arange(len(values)), MOST_POINTS // 2):
+        known = stretch[np.isfinite(values[stretch])]
+        if len(known):
+            kept |= {int(known[np.argmin(values[known])]), int(known[np.argmax(values[known])])}
+    return np.array(sorted(kept))

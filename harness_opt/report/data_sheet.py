@@ -1,0 +1,155 @@
+"""A motion in the words of cable makers' data sheets: diameters, degrees per metre, ranges and cycles, sag.
+
+A cable's life is stated for a bend radius in diameters and for how far its bending and twist range in each cycle. One
+cycle is the motion and back the same way, unless the motion itself comes back to where it began. Cycles are counted
+by the rainflow method, ASTM E1049-85 (2017), section 5.4.4, with the package ``rainflow``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness_opt.clearance.limits import STRAIGHT, bending
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import CableMotion, Motion
+from harness_opt.numerics.rotations import Array
+
+CLOSED = 1e-6  # m and rad-like: bodies whose poses differ by less at the end are back where they began
+LEAST_RANGE = 1e-3  # of the largest range: smaller cycles wear nothing and are not listed
+STILL = 1e-9  # of the largest value: a smaller range is rounding
+DIRECTIONS = 360  # across the section, half a degree apart: a range is found to 1e-5 of itself
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A cycle that rainflow counting found, ``count`` times in each cycle of the motion; in the unit of its history."""
+
+    range: float
+    mean: float
+    count: float
+
+
+@dataclass(frozen=True)
+class Ranging:
+    """How far something ranges in one cycle of the motion, where along the cable it ranges most.
+
+    Args:
+        range: largest less smallest value.
+        arc_length: where that is, m.
+        cycles: rainflow counts there, the largest range first.
+    """
+
+    range: float
+    arc_length: float
+    cycles: tuple[Cycle, ...]
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """What one cable goes through.
+
+    Args:
+        bend_radius: smallest, m.
+        bend_diameters: the same, in diameters of the cable.
+        twist: largest, rad/m.
+        bend: range of the curvature, 1/m, in the direction across the section in which it is largest.
+        twisting: range of the twist, rad/m.
+        sag: how far the cable hangs below the lower of its ends, along gravity, m; None without gravity.
+        reach: sides of the box along the world's axes that holds the cable at all moments, m.
+    """
+
+    bend_radius: float
+    bend_diameters: float
+    twist: float
+    bend: Ranging
+    twisting: Ranging
+    sag: float | None
+    reach: tuple[float, float, float]
+
+
+def data_sheets(motion: Motion) -> dict[str, DataSheet]:
+    """Return the data sheet of each cable of a motion; none where no frame was solved."""
+    if not len(motion.motion):
+        return {}
+    return {name: _sheet(motion.problem, name, shapes) for name, shapes in motion.cables.items()}
+
+
+def _sheet(problem: Problem, name: str, shapes: CableMotion) -> DataSheet:
+    cable, closed = problem.cables[name].cable, _comes_back(problem)
+    radius = 1.0 / max(float(np.max(bending(shapes))), STRAIGHT)
+    places = shapes.position.reshape(-1, 3)
+    x, y, z = (float(side) for side in np.ptp(places, axis=0) + cable.diameter)
+    return DataSheet(
+        bend_radius=radius,
+        bend_diameters=radius / cable.diameter,
+        twist=float(np.max(np.abs(shapes.curvature[..., 2]))),
+        bend=_bend_ranging(shapes, closed),
+        twisting=_twist_ranging(shapes, closed),
+        sag=_sag(np.asarray(problem.gravity, dtype=float), shapes),
+        reach=(x, y, z),
+    )
+
+
+def _comes_back(problem: Problem) -> bool:
+    """Return whether all bodies end the motion where they began it."""
+    for name in problem.bodies:
+        position, quaternion = problem.poses(name, [0.0, 1.0])
+        turned = 1.0 - abs(float(quaternion[0] @ quaternion[1]))
+        if np.max(np.abs(position[1] - position[0])) > CLOSED or turned > CLOSED**2:
+            return False
+    return True
+
+
+def _bend_ranging(shapes: CableMotion, closed: bool) -> Ranging:
+    """Return how the curvature ranges along the direction across the section, and at the place, where it does most."""
+    angles = np.arange(DIRECTIONS) * math.pi / DIRECTIONS
+    across = np.stack([np.cos(angles), np.sin(angles)])
+    ranges = np.array([np.ptp(vectors @ across, axis=0) for vectors in shapes.curvature[..., :2].swapaxes(0, 1)])
+    station, direction = np.unravel_index(int(np.argmax(ranges)), ranges.shape)
+    history = shapes.curvature[:, station, :2] @ across[:, direction]
+    return Ranging(float(ranges[station, direction]), float(shapes.s[station]), rainflow_cycles(history, closed))
+
+
+def _twist_ranging(shapes: CableMotion, closed: bool) -> Ranging:
+    twist = shapes.curvature[..., 2]
+    ranges = np.ptp(twist, axis=0)
+    station = int(np.argmax(ranges))
+    return Ranging(float(ranges[station]), float(shapes.s[station]), rainflow_cycles(twist[:, station], closed))
+
+
+def rainflow_cycles(history: Array, closed: bool) -> tuple[Cycle, ...]:
+    """Return the cycles of a history that is repeated for ever, the largest range first.
+
+    Args:
+        history: (P,).
+        closed: whether it comes back to where it began; one that does not goes back the same way.
+    """
+    import rainflow
+
+    total = float(np.ptp(history)) if len(history) else 0.0
+    if total <= STILL * float(np.max(np.abs(history), initial=0.0)):
+        return ()
+    whole = history if closed else np.concatenate([history, history[-2::-1]])
+    # so begun, a repeated history has whole cycles only: ASTM E1049-85, 5.4.5; both ends of it are one moment
+    first = int(np.argmax(whole))
+    repeated = np.concatenate([whole[first:-1], whole[: first + 1]])
+    found: dict[tuple[int, int], Cycle] = {}
+    for size, mean, count, _, _ in rainflow.extract_cycles(repeated):
+        if size > LEAST_RANGE * total:  # what agrees to that counts as equal, so that the way back adds to the way out
+            key = (round(size / (LEAST_RANGE * total)), round(mean / (LEAST_RANGE * total)))
+            before = found.get(key, Cycle(float(size), float(mean), 0.0))
+            found[key] = Cycle(before.range, before.mean, before.count + count)
+    return tuple(sorted(found.values(), key=lambda cycle: -cycle.range))
+
+
+def _sag(gravity: Array, shapes: CableMotion) -> float | None:
+    """Return how far the cable hangs below the lower of its ends, at most, m."""
+    weight = float(np.linalg.norm(gravity))
+    if not weight:
+        return None
+    depth = shapes.position @ (gravity / weight)  # (P, N)
+    below = depth.max(axis=1) - np.maximum(depth[:, 0], depth[:, -1])
+    return float(np.max(below))

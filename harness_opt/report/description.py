@@ -1,0 +1,249 @@
+"""What would be solved, before anything is: facts that follow from a problem, and the same in words."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from harness_opt.model.bodies import Hinge, Slide
+from harness_opt.model.plausibility import doubts
+from harness_opt.model.problem import WORLD, Body, CableRun, End, MeshFile, Part, Problem
+from harness_opt.motion.path import left_out, place_frames
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.parts.scene import Geometry, Mesh, Scene
+
+Json = dict[str, Any]
+
+WIDTH = 80
+
+
+def facts(problem: Problem, scene: Scene) -> Json:
+    """Return what ``check`` says, as nested dicts and lists for JSON; SI units.
+
+    Args:
+        problem: as read.
+        scene: its parts as geometry.
+
+    Raises:
+        ProblemError: the motion asks for too many frames.
+    """
+    motion = place_frames(problem)
+    parts = {name: _part(problem, name, part, scene.parts[name]) for name, part in problem.parts.items()}
+    return {
+        "frames": len(motion),
+        "duration": problem.duration,
+        "out_and_back": problem.out_and_back,
+        "cables": {name: _cable(problem, run, motion) for name, run in problem.cables.items()},
+        "bodies": {name: _body(body) for name, body in problem.bodies.items()},
+        "parts": parts,
+        "limits": {name: limit for name, limit in vars(problem.limits).items() if limit is not None},
+        "design": {v.name: [v.lower, v.upper] for v in problem.design.variables},
+        "coupled": {c.name: c.words for c in problem.design.couplings},
+        "minimise": None if problem.design.maximise else problem.design.minimise,
+        "maximise": problem.design.maximise,
+        "left_out": _reasons(problem),
+        "warnings": [*doubts(problem), *scene.warnings],
+    }
+
+
+# --- facts ---------------------------------------------------------------------------------------------
+
+
+def _cable(problem: Problem, run: CableRun, motion: Array) -> Json:
+    cable = run.cable
+    kx, ky, kz = (float(stiffness) for stiffness in cable.stiffness)
+    weight = cable.mass_per_length * float(np.linalg.norm(problem.gravity))
+    ends = [_path(problem, end, motion) for end in (run.start, run.end)]
+    slack = None
+    if ends[0] is not None and ends[1] is not None:
+        slack = cable.length - np.linalg.norm(ends[1] - ends[0], axis=1)
+    return {
+        "length": cable.length,
+        "diameter": cable.diameter,
+        "mass": cable.mass_per_length * cable.length,
+        "weight_number": weight * cable.length**3 / min(kx, ky),
+        "kz_over_kx": kz / kx,
+        "ky_over_kx": ky / kx,
+        "slack": None if slack is None else [float(np.min(slack)), float(np.max(slack))],
+        "start": _end(run.start),
+        "end": _end(run.end),
+        "turns": run.end.turns,
+    }
+
+
+def _path(problem: Problem, end: End, motion: Array) -> Array | None:
+    """Return the world positions (P, 3) of ``end``, or None where a force holds it."""
+    if end.position is None:
+        return None
+    position, quaternion = problem.poses(end.body, motion)
+    return position + rotations.rotate(quaternion, end.position)
+
+
+def _end(end: End) -> Json:
+    """Return how an end is held: the four kinds of the design notes, section 1."""
+    kinds = {
+        (True, True): "clamped",
+        (True, False): "pinned",
+        (False, True): "guided",
+        (False, False): "free",
+    }
+    return {"held": kinds[end.position is not None, end.quaternion is not None], "body": end.body}
+
+
+def _body(body: Body) -> Json:
+    motion = body.motion
+    if motion is None:
+        return {"kind": "still"}
+    if isinstance(motion, Hinge):
+        angles = [math.degrees(motion.start), math.degrees(motion.stop)]
+        return {"kind": "hinge", "point": list(motion.point), "axis": list(motion.axis), "angles_deg": angles}
+    if isinstance(motion, Slide):
+        return {
+            "kind": "slide",
+            "direction": list(motion.direction),
+            "travel": [motion.start, motion.stop],
+        }
+    return {
+        "kind": "poses",
+        "count": len(motion.times),
+        "file": None if motion.file is None else motion.file.name,
+    }
+
+
+def _part(problem: Problem, name: str, part: Part, geometry: Geometry) -> Json:
+    entry = {
+        "kind": "mesh" if isinstance(part.shape, MeshFile) else type(part.shape).__name__.lower(),
+        "body": part.body,
+        "lower": geometry.lower.tolist(),
+        "upper": geometry.upper.tolist(),
+        "closed": geometry.closed,
+        "clearance": problem.clearance_limit(name),
+    }
+    if isinstance(geometry, Mesh):
+        entry |= {"file": part.shape.path.name, "triangles": len(geometry.faces)}  # type: ignore[union-attr]
+    return entry
+
+
+def _reasons(problem: Problem) -> list[Json]:
+    """Return what the solve leaves out, and why."""
+    heavy = any(run.cable.mass_per_length for run in problem.cables.values())
+    why = {
+        "weight": "gravity is zero or not given" if heavy else "no cable has a density or mass_per_length",
+        "parts": "there are none to stay clear of",
+        "clearance of cables to each other and to themselves": "limits.clearance is not given",
+        "other cables": "there is only one",
+        "motion": "no body moves, so that one frame is solved",
+    }
+    reasons = [{"what": what, "why": why[what]} for what in left_out(problem)]
+    unlimited = [name for name in problem.parts if problem.clearance_limit(name) is None]
+    if unlimited:
+        what = f"a limit for {', '.join(unlimited)}"
+        reasons.append({"what": what, "why": "neither has its own clearance nor is there a general one"})
+    missing = [name for name, limit in vars(problem.limits).items() if limit is None and name != "clearance"]
+    if missing:
+        names = ", ".join(name.replace("_", " ") for name in missing)
+        reasons.append({"what": f"limits on {names}", "why": "they are not given"})
+    return reasons
+
+
+# --- words ---------------------------------------------------------------------------------------------
+
+
+def description(problem: Problem, content: Mapping[str, Any]) -> str:
+    """Return ``content``, from :func:`facts`, as lines of at most 80 columns."""
+    title = problem.title or str(problem.file or "A problem without title")
+    frames = "1 frame" if content["frames"] == 1 else f"{content['frames']} frames"
+    lines = [title, "", f"Would be solved: {_counted(content['cables'], 'cable')} over {frames}."]
+    for words in (_cable_lines, _body_lines, _part_lines, _limit_lines):
+        lines += words(content)
+    lines += [f"Left out: {reason['what']}, for {reason['why']}." for reason in content["left_out"]]
+    lines += [f"Beware: {warning}." for warning in content["warnings"]]
+    return "\n".join(
+        textwrap.fill(line, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+        for line in lines
+    )
+
+
+def _counted(things: Mapping[str, Any], word: str) -> str:
+    return f"{len(things)} {word}" + ("" if len(things) == 1 else "s")
+
+
+def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
+    for name, cable in content["cables"].items():
+        size = f"{_mm(cable['length'])} mm long, {_mm(cable['diameter'])} mm thick"
+        held = " and ".join(_held(side, cable[side]) for side in ("start", "end"))
+        turns = f", with {cable['turns']:+d} turns" if cable["turns"] else ""
+        yield f"Cable {name}: {size}; {held}{turns}."
+        flat = f", ky/kx = {cable['ky_over_kx']:.4g}" if cable["ky_over_kx"] != 1 else ""
+        weight = f"weighs {1e3 * cable['mass']:.4g} g, w L^3/B = {cable['weight_number']:.4g}"
+        yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}"
+        if cable["slack"] is not None:
+            smallest, largest = (_mm(slack) for slack in cable["slack"])
+            yield f"  slack over the distance of its ends: {smallest} to {largest} mm over the motion"
+
+
+def _held(side: str, end: Mapping[str, Any]) -> str:
+    if end["held"] == "free":
+        return f"its {side} is free"
+    return f"its {side} is {end['held']} {'in the' if end['body'] == WORLD else 'to'} {end['body']}"
+
+
+def _body_lines(content: Mapping[str, Any]) -> Iterator[str]:
+    for name, body in content["bodies"].items():
+        if body["kind"] == "hinge":
+            point = f"the point {_place(body['point'])} mm"
+            axis = f"the axis {_direction(body['axis'])}"
+            start, stop = body["angles_deg"]
+            words = f"turns about {axis} through {point}, from {start:g} to {stop:g} deg"
+        elif body["kind"] == "slide":
+            start, stop = (_mm(travel) for travel in body["travel"])
+            words = f"slides along {_direction(body['direction'])}, from {start} to {stop} mm"
+        elif body["kind"] == "poses":
+            words = f"follows the {body['count']} poses of {body['file'] or 'a table'}"
+        else:
+            words = "stands still"
+        yield f"Body {name}: {words}."
+
+
+def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:
+    for name, part in content["parts"].items():
+        what = part["kind"]
+        if what == "mesh":
+            surface = "closed" if part["closed"] else "open, so a shell"
+            what = f"mesh {part['file']}, {part['triangles']} triangles, {surface}"
+        limit = "no limit" if part["clearance"] is None else f"at least {_mm(part['clearance'])} mm clear"
+        yield f"Part {name}, of {part['body']}: {what}; {limit}"
+        yield f"  box from {_place(part['lower'])} to {_place(part['upper'])} mm"
+
+
+def _limit_lines(content: Mapping[str, Any]) -> Iterator[str]:
+    units = {"clearance": (1e3, "mm"), "bend_radius": (1e3, "mm"), "twist": (math.degrees(1.0), "deg/m")}
+    units |= {"clamp_force": (1.0, "N"), "clamp_moment": (1.0, "N m")}
+    limits = [
+        f"{name.replace('_', ' ')} {limit * units[name][0]:.6g} {units[name][1]}"
+        for name, limit in content["limits"].items()
+    ]
+    if limits:
+        yield f"Limits: {', '.join(limits)}."
+    if content["design"]:
+        changed = ", ".join(f"{name} in [{a:g}, {b:g}]" for name, (a, b) in content["design"].items())
+        aim = f"the least {content['minimise']}" if content["minimise"] else "the largest worst margin"
+        follow = "".join(f"; {name} follows, = {words}" for name, words in content["coupled"].items())
+        yield f"A redesign would change {changed}{follow}, for {aim}."
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.6g}"
+
+
+def _place(point: list[float]) -> str:
+    return f"({', '.join(f'{1e3 * x:.4g}' for x in point)})"
+
+
+def _direction(vector: list[float]) -> str:
+    return f"({', '.join(f'{x:g}' for x in vector)})"

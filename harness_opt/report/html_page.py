@@ -1,0 +1,296 @@
+"""A result as one HTML file that needs no network: verdict, limits, curves, and the scene to turn and to scrub.
+
+Jinja escapes every string of the user's; the page's own policy lets no script run but the one written into it.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import datetime
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness_opt.clearance.limits import all_limits, bending, most_urgent
+from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.files.whole_folder import write_whole
+from harness_opt.files.write import problem_text
+from harness_opt.model.results import Motion
+from harness_opt.parts.scene import Scene, load_scene
+from harness_opt.report import charts
+from harness_opt.report import colours as colour_keys
+from harness_opt.report import page_rows as report_words
+from harness_opt.report.data_sheet import data_sheets
+from harness_opt.report.scene_data import part_data, scene_data, view_data
+from harness_opt.report.summary import summary as summarise
+
+if TYPE_CHECKING:
+    from harness_opt.design.nominal import Redesign
+
+Json = dict[str, Any]
+
+FILE = "report.html"
+SCRIPTS = ("geometry.js", "view.js", "stage.js", "page.js")  # in the order they are read
+COLOURS = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # of cables, as in the pictures
+COLOURS_AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """All that a report shows and that takes time to find; made once for each result.
+
+    Args:
+        result: of a simulation or a redesign.
+        measured: clearances of its motion.
+        given: the motion of the design given and its clearances, where a redesign changed it.
+        data: for the page's script.
+        cable_charts: of each cable, laid out.
+        curve_numbers: of each chart the numbers of its curves in ``data``, by name.
+    """
+
+    result: Motion | Redesign
+    measured: ClearanceResult
+    given: tuple[Motion, ClearanceResult] | None
+    data: Json
+    cable_charts: list[Json]
+    curve_numbers: list[dict[str, int]]
+
+    @property
+    def motion(self) -> Motion:
+        """The motion that the report is about."""
+        return self.result if isinstance(self.result, Motion) else self.result.motion
+
+
+def prepare(result: Motion | Redesign, measured: ClearanceResult | None = None, scene: Scene | None = None) -> Report:
+    """Return what a report of ``result`` shows.
+
+    Args:
+        result: of a simulation or a redesign.
+        measured: clearances of a simulated motion; None measures them. A redesign brings its own.
+        scene: its parts; None loads them.
+
+    Raises:
+        ProblemError: a mesh that cannot be read any more.
+    """
+    motion = result if isinstance(result, Motion) else result.motion
+    scene = load_scene(motion.problem) if scene is None else scene
+    given = None
+    if isinstance(result, Motion):
+        measured = measured or measure(motion.problem, scene, motion.motion, motion.cables)
+    else:
+        measured, before = result.clearances, result.motion_before
+        if len(before.motion):
+            given = (before, measure(before.problem, scene, before.motion, before.cables))
+    data: Json = {"motion": report_words.plain(motion.motion)}
+    if not len(motion.motion):
+        return Report(result, measured, None, data, [], [])
+    found = {name: list(charts.charts(motion, measured, name, given)) for name in motion.cables}
+    laid_out: list[Json] = []
+    numbers: list[dict[str, int]] = []
+    curves: list[list[float | None]] = []
+    for name, several in found.items():
+        snaps = [snap.motion for snap in motion.snaps if snap.cable == name]
+        laid_out.append({"name": name, "first": len(numbers), "charts": [charts.drawn(one, snaps) for one in several]})
+        for chart in several:
+            numbers.append({series: len(curves) + k for k, series in enumerate(chart.series)})
+            curves += [report_words.plain(values) for values in chart.series.values()]
+    data |= {"curves": curves, "chart": {"width": charts.WIDTH, "left": charts.LEFT, "right": charts.RIGHT}}
+    data |= _stage(motion, measured, given, scene)
+    return Report(result, measured, given, data, laid_out, numbers)
+
+
+def _stage(
+    motion: Motion, measured: ClearanceResult, given: tuple[Motion, ClearanceResult] | None, scene: Scene
+) -> Json:
+    """Return what the scene is drawn from."""
+    acts = [(motion, measured)] if given is None else [given, (motion, measured)]
+    share = 1.0 / len(acts)
+    scenes = [scene_data(one, scene, clearances, share) for one, clearances in acts]
+    titles = [""] if given is None else ["Before", "After"]
+    palettes = [COLOURS] if given is None else [COLOURS, COLOURS_AFTER]
+    for act, title, palette in zip(scenes, titles, palettes, strict=True):
+        act |= {"title": title, "colours": palette}
+    worst = []
+    for one, clearances in acts:
+        rows = all_limits(one.problem, one, clearances)
+        frame = most_urgent(one.problem, rows).frame if rows else _most_bent(one)
+        worst.append(float(one.motion[frame]))
+    shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in acts]
+    return {
+        "scenes": scenes,
+        "parts": part_data(motion, scene),
+        "view": view_data(shown),
+        "scales": {mode: dataclasses.asdict(key) for mode, key in colour_keys.keys(acts).items()},
+        "ramp": colour_keys.RAMP,
+        "duration": motion.problem.duration,
+        "worst": worst[0],
+        "begin": worst[0],
+    }
+
+
+def _most_bent(motion: Motion) -> int:
+    """Return the frame with the smallest bend radius."""
+    return int(np.argmax(np.max([bending(cable).max(axis=1) for cable in motion.cables.values()], axis=0)))
+
+
+# --- the page ------------------------------------------------------------------------------------------
+
+
+def html(report: Report, summary: Mapping[str, Any], texts: Mapping[str, str] | None = None) -> str:
+    """Return the page.
+
+    Args:
+        report: as :func:`prepare` gave it.
+        summary: of the same result.
+        texts: problem files to show, by name; None shows the one that was read.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_asset), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["short"] = lambda value: f"{value:g}"
+    style, script = _asset("report.css"), "\n".join(_asset(name) for name in SCRIPTS)
+    motion, data = report.motion, dict(report.data)
+    if len(motion.motion):
+        curves = {
+            name: {chart.title: chart.series for chart in (one.chart for one in row["charts"])}
+            for name, row in ((row["name"], row) for row in report.cable_charts)
+        }
+        data["rows"] = report_words.live_rows(motion, report.measured, summary["limits"], curves)
+    verdict, tone = report_words.verdict(summary)
+    return environment.get_template("report.html.jinja").render(
+        title=summary["problem"]["title"] or Path(summary["problem"]["file"] or "A problem without title").stem,
+        subtitle="Redesign of a cable harness" if summary["command"] == "redesign" else "Simulation of a cable harness",
+        verdict=verdict,
+        tone=tone,
+        conclusion=report_words.conclusion(summary),
+        facts=_facts(motion, summary),
+        limits=report_words.limit_rows(summary["limits"]),
+        variables=report_words.variable_rows(summary),
+        redesign_words=list(report_words.redesign_words(summary)),
+        before_after=report_words.before_after(summary),
+        cable_charts=report.cable_charts if len(motion.motion) > 1 else [],
+        curve_numbers=report.curve_numbers,
+        chart_note=" Yellow: a snap to another shape." if motion.snaps else "",
+        frame={"width": charts.WIDTH, "height": charts.HEIGHT, "left": charts.LEFT, "right": charts.RIGHT,
+               "top": charts.TOP, "bottom": charts.BOTTOM},
+        moments=[(charts.place(at), f"{100 * at:.0f}") for at in (0.0, 0.25, 0.5, 0.75, 1.0)],
+        modes=_modes(report.measured),
+        cables=list(motion.cables),
+        colours=COLOURS if report.given is None else COLOURS_AFTER,
+        triads=True,
+        scene_notes=list(_scene_notes(data)),
+        sheets=report_words.sheet_rows(motion, data_sheets(motion)) if len(motion.motion) else None,
+        notes=list(report_words.notes(summary)),
+        texts=list((texts or _texts(report)).items()),
+        footer=_footer(summary),
+        data=data,
+        style=style,
+        script=script,
+        style_hash=_hash(style),
+        script_hash=_hash(script),
+    )  # fmt: skip
+
+
+def _asset(name: str) -> str:
+    """Return the text of a file that the page is made of."""
+    return resources.files(__package__).joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    """Return what a content security policy calls ``text`` by."""
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _modes(measured: ClearanceResult) -> list[tuple[str, str]]:
+    modes = [("limits", "Limits"), ("clearance", "Clearance"), ("bend", "Bend radius"), ("twist", "Twist")]
+    return [mode for mode in modes if measured.pairs or mode[0] != "clearance"]
+
+
+def _facts(motion: Motion, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    problem = motion.problem
+    lengths = ", ".join(f"{1e3 * run.cable.length:.1f} mm" for run in problem.cables.values())
+    return [
+        ("Frames solved", f"{summary['frames']}"),
+        ("Cables" if len(problem.cables) > 1 else "Cable", ", ".join(problem.cables)),
+        ("Length", lengths),
+        ("Parts", ", ".join(problem.parts) or "none"),
+        ("Snaps", f"{len(summary['snaps']) or 'none'}"),
+        ("Computed in", f"{summary['timing']['total']:.1f} s"),
+    ]
+
+
+def _scene_notes(data: Json) -> list[str]:
+    """Return what the scene does not show of what was computed, a sentence each."""
+    if "scenes" not in data:
+        return []
+    notes = ["Drag to turn, shift-drag to move, click and scroll to zoom; arrow keys step from frame to frame."]
+    for act in data["scenes"]:
+        if len(act["frames"]) < act["solved"]:
+            which = f"{act['title']}: " if act["title"] else ""
+            notes.append(f"{which}{len(act['frames'])} of the {act['solved']} solved frames are drawn here.")
+    coarse = [part["name"] for part in data["parts"] if part["triangles"] < 0.9 * part["triangles_of"]]
+    if coarse:
+        notes.append(f"Drawn with fewer triangles than were measured against: {', '.join(coarse)}.")
+    return notes
+
+
+def _texts(report: Report) -> dict[str, str]:
+    """Return the problem file as it was read, or as it would be written where it is gone or changed."""
+    result = report.result
+    problem = result.problem if isinstance(result, Motion) else result.original
+    if problem.file is None:
+        return {"Problem": problem_text(problem, Path.cwd() / "problem.toml")[0]}
+    try:
+        content = problem.file.read_bytes()
+    except OSError:
+        content = b""
+    if hashlib.sha256(content).hexdigest() == problem.sha256:
+        return {str(problem.file.name): content.decode("utf-8")}
+    return {f"{problem.file.name} (as it was understood)": problem_text(problem, problem.file)[0]}
+
+
+def _footer(summary: Mapping[str, Any]) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
+    file, sha = summary["problem"]["file"], summary["problem"]["sha256"]
+    source = f" From {Path(file).name}, SHA-256 {sha}." if file else ""
+    seconds = ", ".join(f"{phase} {value:.1f} s" for phase, value in summary["timing"].items() if value)
+    return f"Written {datetime.date.today().isoformat()} by {versions}.{source} Time: {seconds}."
+
+
+def write_page(report: Report, summary: Mapping[str, Any], folder: Path) -> str:
+    """Write the page into ``folder``, with the redesigned problem file that lies there, and return its name."""
+    texts = _texts(report)
+    redesigned = folder / "redesigned.toml"
+    if redesigned.is_file():
+        texts["redesigned.toml"] = redesigned.read_text(encoding="utf-8")
+    (folder / FILE).write_text(html(report, summary, texts), encoding="utf-8")
+    return FILE
+
+
+def write_report(result: Motion | Redesign, file: str | Path) -> Path:
+    """Write the report of a result as one HTML file that needs no network, and return its path.
+
+    Args:
+        result: of a simulation or a redesign.
+        file: to write; its folder must be there.
+
+    Raises:
+        ProblemError: a mesh that cannot be read any more.
+        OSError: the file cannot be written.
+    """
+    report = prepare(result)
+    content = summarise(result, report.measured)
+    if isinstance(result, Motion):
+        texts = None
+    else:
+        texts = _texts(report) | {"redesigned.toml": problem_text(result.problem, Path(file).resolve())[0]}
+    write_whole(Path(file), html(report, content, texts).encode())
+    return Path(file)

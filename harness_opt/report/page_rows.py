@@ -1,0 +1,255 @@
+"""The rows and sentences of a report: what a summary says, laid out for a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from harness_opt.clearance.measure import ClearanceResult
+from harness_opt.model.results import Motion
+from harness_opt.numerics.rotations import Array
+from harness_opt.report import redesign_words as words
+from harness_opt.report import words as tables
+from harness_opt.report.data_sheet import DataSheet, Ranging
+
+Json = dict[str, Any]
+
+BAR = 50.0  # half the width of a margin's bar
+WORDS = {
+    "ok": ("All limits hold", "good"),
+    "violated": ("Limits are violated", "bad"),
+    "infeasible": ("No design holds the limits", "bad"),
+    "unsolved": ("Not solved", "bad"),
+}
+MOST_CYCLES = 4  # listed for each quantity, the largest first
+
+
+def verdict(summary: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the verdict in a few words, and its tone: "good", "bad" or "warn"."""
+    if summary["status"] == "ok" and not summary["stable"]:
+        return "All limits hold, not all shapes are stable", "warn"
+    if summary["status"] == "ok" and not summary["limits"]:
+        return "Solved, without limits", "good"
+    return WORDS[summary["status"]]
+
+
+def conclusion(summary: Mapping[str, Any]) -> str:
+    """Return what to say beside the verdict: what is violated, or else what is tightest."""
+    rows = [row for row in summary["limits"] if row["margin"] is not None]
+    if summary["status"] != "ok" or not rows:
+        return tables.conclusion(summary)
+    tight = min(rows, key=lambda row: row["margin"] / (abs(row["limit"]) or 1.0))
+    margin = tables.quantity(tight["name"], tight["margin"])
+    at = tables.percent(tight["motion"])
+    return f"The tightest of {len(rows)} is {tables.limit_words(tight)}: {margin} to spare, at {at} of the motion."
+
+
+def limit_rows(rows: Sequence[Mapping[str, Any]]) -> list[Json]:
+    """Return the limits of a summary as the cells of a table."""
+    found = []
+    for row in rows:
+        name, holds = row["name"], tables.holds(row)
+        share = -1.0 if row["margin"] is None else row["margin"] / (abs(row["limit"]) or 1.0)
+        reach = BAR * min(1.0, abs(share))
+        found.append(
+            {
+                "label": tables.label(name),
+                "cable": row["cable"],
+                "against": tables.against(row),
+                "allowed": tables.quantity(name, row["limit"]),
+                "worst": tables.quantity(name, row["worst"]),
+                "margin": tables.quantity(name, row["margin"], "+"),
+                "holds": holds,
+                "bar": (0.0 if holds else round(-reach, 2), round(max(reach, 1.0), 2)),
+                "motion": row["motion"],
+                "where": f"{tables.percent(row['motion'])}, {1e3 * row['arc_length']:.0f} mm along",
+                "sure": _certainty(row),
+            }
+        )
+    return found
+
+
+def _certainty(row: Mapping[str, Any]) -> str:
+    """Return how sure the worst value of a row is between the points that were looked at."""
+    unit, scale = tables.UNITS[row["name"]]
+    tolerance = "-" if row["tolerance"] is None else f"{row['tolerance'] * scale:.2g} {unit}"
+    if row["certified"]:
+        return f"certain, to {tolerance}"
+    if row.get("certified_along_arc"):
+        return f"certain at the frames, to {tolerance}"
+    return f"estimated, to {tolerance}" if row["tolerance"] else "at the clamps"
+
+
+def live_rows(
+    motion: Motion, measured: ClearanceResult, rows: Sequence[Mapping[str, Any]], curves: Mapping
+) -> list[Json]:
+    """Return the values of each limit's row at every frame, in the unit shown; None where there is none.
+
+    Args:
+        motion, measured: what was simulated, and its clearances.
+        rows: limits of the summary.
+        curves: values (P,) by cable, title and name of a chart.
+    """
+    titles = {
+        "bend_radius": "Smallest bend radius",
+        "twist_deg_per_m": "Largest twist",
+        "clamp_force": "Clamp force",
+        "clamp_moment": "Clamp moment",
+    }
+    found = []
+    for row in rows:
+        unit, scale = tables.UNITS[row["name"]]
+        if row["name"] == "clearance":
+            pairs = [p for p in measured.pairs if (p.cable, p.obstacle) == (row["cable"], row["part"])]
+            values = 1e3 * pairs[0].clearance
+        else:
+            values = np.max(list(curves[row["cable"]][titles[row["name"]]].values()), axis=0)
+        most = row["name"] not in {"clearance", "bend_radius"}
+        digits = 0 if unit == "deg/m" else 2
+        found.append({"values": plain(values), "limit": scale * row["limit"], "most": most, "digits": digits})
+    return found
+
+
+def plain(values: Array) -> list[float | None]:
+    """Return ``values`` (P,) to six digits, None for what is not finite."""
+    return [float(f"{value:.6g}") if math.isfinite(value) else None for value in values]
+
+
+# --- redesign ------------------------------------------------------------------------------------------
+
+
+def variable_rows(summary: Mapping[str, Any]) -> list[Json]:
+    """Return the design variables of a summary as the cells of a table; none for a simulation."""
+    found = []
+    for name, row in summary.get("redesign", {}).get("variables", {}).items():
+        unit, scale, digits = ("deg", 1.0, 2) if name.endswith("_deg") else ("mm", 1e3, 1)
+
+        def words(value: float | None, sign: str = "", scale: float = scale, digits: int = digits) -> str:
+            return "-" if value is None else f"{scale * value:{sign}.{digits}f}"
+
+        change = None if row["after"] is None else row["after"] - row["before"]
+        found.append(
+            {
+                "name": name,
+                "before": f"{words(row['before'])} {unit}",
+                "after": f"{words(row['after'])} {unit}",
+                "change": f"{words(change, '+')} {unit}",
+                "bounds": f"{words(row['lower'])} to {words(row['upper'])} {unit}",
+            }
+        )
+    return found
+
+
+def redesign_words(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Give what else there is to say about a redesign, a sentence each."""
+    if "redesign" not in summary:
+        return
+    found = summary["redesign"]
+    yield f"Found in {found['iterations']} steps; then simulated anew on twice the frames and twice the elements."
+    if found["active"]:
+        yield f"What holds the design where it is: {'; '.join(found['active'])}."
+    yield from words.redesign_words(summary)
+
+
+def before_after(summary: Mapping[str, Any]) -> list[Json]:
+    """Return the limits of a redesign's summary before and after as the cells of a table."""
+    if not summary.get("redesign", {}).get("limits_before"):
+        return []
+    key = ("name", "cable", "part")
+    before = {tuple(row[k] for k in key): row for row in summary["redesign"]["limits_before"]}
+    found = []
+    for row in summary["limits"]:
+        old = before.get(tuple(row[k] for k in key))
+        name = row["name"]
+        found.append(
+            {
+                "words": tables.limit_words(row),
+                "allowed": tables.quantity(name, row["limit"]),
+                "before": "-" if old is None else tables.quantity(name, old["worst"]),
+                "after": tables.quantity(name, row["worst"]),
+                "before_holds": old is None or tables.holds(old),
+                "after_holds": tables.holds(row),
+            }
+        )
+    return found
+
+
+# --- the data sheet ------------------------------------------------------------------------------------
+
+
+def sheet_rows(motion: Motion, sheets: Mapping[str, DataSheet]) -> Json:
+    """Return the data sheets as a table: a column for each cable, and a note on what a cycle is."""
+    cables = motion.problem.cables
+
+    def ranging(found: Ranging, scale: float, unit: str) -> str:
+        return f"{scale * found.range:.3g} {unit}, at {1e3 * found.arc_length:.0f} mm"
+
+    def cycles(found: Ranging, scale: float, unit: str) -> str:
+        listed = [f"{cycle.count:g} x {scale * cycle.range:.3g}" for cycle in found.cycles[:MOST_CYCLES]]
+        more = ", ..." if len(found.cycles) > MOST_CYCLES else ""
+        return f"{', '.join(listed)}{more} {unit}" if listed else "none"
+
+    turn = math.degrees(1.0)
+    rows = {
+        "Length": [f"{1e3 * cables[n].cable.length:.1f} mm" for n in sheets],
+        "Diameter": [f"{1e3 * cables[n].cable.diameter:.2f} mm" for n in sheets],
+        "Smallest bend radius": [_straight(s.bend_radius, f"{1e3 * s.bend_radius:.1f} mm") for s in sheets.values()],
+        "in diameters": [_straight(s.bend_radius, f"{s.bend_diameters:.1f}") for s in sheets.values()],
+        "Largest twist": [f"{turn * s.twist:.0f} deg/m" for s in sheets.values()],
+        "Bending range in a cycle": [ranging(s.bend, 1.0, "1/m") for s in sheets.values()],
+        "Bending cycles (rainflow)": [cycles(s.bend, 1.0, "1/m") for s in sheets.values()],
+        "Strain range at the surface": [
+            f"{100 * cables[n].cable.radius * s.bend.range:.2g} %" for n, s in sheets.items()
+        ],
+        "Twist range in a cycle": [ranging(s.twisting, turn, "deg/m") for s in sheets.values()],
+        "Twist cycles (rainflow)": [cycles(s.twisting, turn, "deg/m") for s in sheets.values()],
+        "Sag below the lower end": ["-" if s.sag is None else f"{1e3 * s.sag:.1f} mm" for s in sheets.values()],
+        "Room taken, along x, y, z": [
+            " x ".join(f"{1e3 * side:.0f}" for side in s.reach) + " mm" for s in sheets.values()
+        ],
+    }
+    note = (
+        "A cycle is the motion and back the same way, unless the motion ends where it began. Strain: as if the cable "
+        "were solid; the strands of a cable slide, so theirs is less."
+    )
+    return {"names": list(sheets), "rows": list(rows.items()), "note": note}
+
+
+def _straight(radius: float, words: str) -> str:
+    return words if radius < tables.LARGE else "straight"
+
+
+# --- notes ---------------------------------------------------------------------------------------------
+
+
+def notes(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Give what a reader has to know: what is certain, what was left out, how exact the shapes are."""
+    yield from tables.notes(summary)
+    clearances = [row for row in summary["limits"] if row["name"] == "clearance"]
+    if clearances and all(row["certified"] for row in clearances):
+        yield "Clearances are certain along the whole cables, to the tolerances in the table."
+    elif clearances:
+        yield (
+            "Clearances are certain along the whole cables at the solved frames, to the tolerances in the table. "
+            "Between two frames they are not: what moves there is not bounded."
+        )
+    if any(row["name"] != "clearance" for row in summary["limits"]):
+        yield (
+            "Bend radius and twist are looked at in 101 places along each cable; their tolerances are estimates of "
+            "what lies between. The forces and moments of the clamps are those of the solved frames."
+        )
+    numbers = summary["equilibrium"]
+    if numbers["max_residual"] is not None and numbers["estimated_error"] is not None:
+        yield (
+            f"Every shape solves the rod's equations to {numbers['max_residual']:.1g} (scaled), and lies within "
+            f"{numbers['estimated_error']:.1g} of its length of the exact one, by its own estimate."
+        )
+    if summary["stable"]:
+        yield "Every shape shown is a stable equilibrium: no small motion that its ends allow lowers its energy."
+    yield (
+        "The cable is a thin elastic rod under its weight: friction, dynamics, permanent set and temperature are "
+        "left out, and contact pushes nothing away."
+    )

@@ -1,0 +1,150 @@
+"""The scene of a motion as plain data for a browser: parts as triangles, cables as centrelines, poses of bodies.
+
+Numbers that are many are base64 of little-endian arrays. What would make a page too large is thinned, and said so.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness_opt.clearance import along_cable as colouring
+from harness_opt.clearance.limits import bending
+from harness_opt.clearance.measure import ClearanceResult, PairClearance
+from harness_opt.model.results import Motion
+from harness_opt.numerics.vectors import Indices
+from harness_opt.parts.scene import Scene
+from harness_opt.parts.triangles import on_grid, triangles
+from harness_opt.report import viewpoint
+
+Json = dict[str, Any]
+
+MOST_STATIONS = 120_000  # of all cables in all frames: 3.5 MB of a page
+MOST_TRIANGLES = 200_000  # of all parts: 3 MB of a page
+EXTREMES = (0.0, 1.0)  # moments of the motion that are drawn faintly
+
+
+def scene_data(motion: Motion, scene: Scene, measured: ClearanceResult, share: float = 1.0) -> Json:
+    """Return frames, cables and bodies of a motion.
+
+    Args:
+        motion: simulated, with at least one frame.
+        scene: its parts.
+        measured: its clearances.
+        share: of the room on the page that this motion may take.
+    """
+    problem, kept = motion.problem, frames_shown(motion, measured, share)
+    at = motion.motion[kept]
+    bodies = sorted({part.body for part in problem.parts.values()})
+    return {
+        "frames": kept.tolist(),
+        "motion": np.round(at, 6).tolist(),
+        "solved": len(motion.motion),
+        "cables": [_cable(motion, scene, measured, name, kept) for name in motion.cables],
+        "bodies": {name: pack(np.hstack(problem.poses(name, at)), np.float32) for name in bodies},
+        "nearest": [_nearest(pair, kept) for pair in measured.pairs],
+        "ghosts": sorted({int(np.argmin(np.abs(at - moment))) for moment in EXTREMES}),
+    }
+
+
+def frames_shown(motion: Motion, measured: ClearanceResult, share: float) -> Indices:
+    """Return the numbers of the frames that are shown: all, or some, among them the worst and the snaps."""
+    total = len(motion.motion)
+    stations = sum(len(cable.s) for cable in motion.cables.values())
+    most = max(2, int(share * MOST_STATIONS / max(stations, 1)))
+    if total <= most:
+        return np.arange(total)
+    even = np.linspace(0, total - 1, most).round().astype(int).tolist()
+    worst = [pair.frame for pair in measured.pairs]
+    worst += [int(np.argmax(bending(cable).max(axis=1))) for cable in motion.cables.values()]
+    snaps = [frame for snap in motion.snaps for frame in (snap.frame - 1, snap.frame) if 0 <= frame < total]
+    return np.unique([*even, *worst, *snaps])
+
+
+def _cable(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, kept: Indices) -> Json:
+    shapes, cable = motion.cables[name], motion.problem.cables[name].cable
+    far = colouring.far(motion.problem)
+    points = [colouring.Points(name, int(frame), shapes.s, shapes.position[frame]) for frame in kept]
+    found = [colouring.states(motion, scene, measured.pairs, several, far) for several in points]
+    nearest, state = (np.array(columns) for columns in zip(*found, strict=True))
+    return {
+        "name": name,
+        "radius": cable.radius,
+        "stations": len(shapes.s),
+        "position": pack(shapes.position[kept], np.float32),
+        "curvature": pack(bending(shapes)[kept], np.float32),
+        "twist": pack(np.degrees(np.abs(shapes.curvature[kept, :, 2])), np.float32),
+        "clearance": pack(nearest, np.float32),
+        "state": pack(state, np.uint8),
+        "clamps": pack(shapes.quaternion[kept][:, [0, -1]], np.float32),
+    }
+
+
+def _nearest(pair: PairClearance, kept: Indices) -> Json:
+    """Return the closest points of a pair in each frame: on the cable's surface, and on the obstacle's."""
+    point, clearance = pair.nearest.point[kept], pair.clearance[kept]
+    on_cable = point + clearance[:, None] * pair.nearest.normal[kept]
+    return {
+        "cable": pair.cable,
+        "obstacle": pair.obstacle,
+        "limit": pair.limit,
+        "clearance": np.round(clearance, 7).tolist(),
+        "points": pack(np.hstack([on_cable, point]), np.float32),
+    }
+
+
+def view_data(shown: Sequence[tuple[Motion, int, Scene]]) -> Json:
+    """Return where to look from: the axes of the picture, and points (n, 3) that it must hold.
+
+    Args:
+        shown: motions, each with the frame that is looked at and its parts.
+    """
+    outlines = {name: viewpoint.extremes(triangles(part)[0]) for name, part in shown[0][2].parts.items()}
+    seen = np.vstack([viewpoint.seen(one.problem, one.motion, one.cables, outlines) for one, _, _ in shown])
+    right, up, back = viewpoint.clearest(shown)
+    hold = viewpoint.extremes(seen)
+    return {
+        key: np.round(value, 6).tolist()
+        for key, value in (("right", right), ("up", up), ("back", back), ("hold", hold))
+    }
+
+
+# --- parts ---------------------------------------------------------------------------------------------
+
+
+def part_data(motion: Motion, scene: Scene) -> list[Json]:
+    """Return the parts as triangles in the coordinates of their bodies, on a grid of 16-bit numbers."""
+    shapes = {name: triangles(part) for name, part in scene.parts.items()}
+    total = sum(len(faces) for _, faces in shapes.values())
+    rows = []
+    for name, (vertices, faces) in shapes.items():
+        most = max(12, int(MOST_TRIANGLES * len(faces) / max(total, 1)))
+        lower, step, whole, kept = on_grid(vertices, faces, most)
+        body = scene.parts[name].body
+        rows.append(
+            {
+                "name": name,
+                "body": body,
+                "moves": motion.problem.body(body).motion is not None,
+                "closed": scene.parts[name].closed,
+                "triangles": len(kept),
+                "triangles_of": len(faces),
+                "lower": lower.tolist(),
+                "step": step.tolist(),
+                "vertices": pack(whole, np.uint16),
+                "faces": pack(kept, np.uint32),
+            }
+        )
+    return rows
+
+
+def pack(values: NDArray[Any], kind: Any) -> str:
+    """Return ``values`` as base64 of little-endian numbers of ``kind``."""
+    if np.dtype(kind) == np.float32 and not np.all(np.isfinite(values)):
+        values = np.where(np.isfinite(values), values, math.inf)
+    return base64.b64encode(np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<")).tobytes()).decode()

@@ -1,0 +1,135 @@
+"""Where to look from: across the plane of a motion, a little from above. Without any graphics."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import CableMotion, Motion
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.parts.scene import Scene
+
+ELEVATION = 20.0  # degrees above the plane of view, so that depth shows
+ASIDE = 16.0  # degrees off the normal of the plane of motion, for the same
+FLAT_ELEVATION = 55.0  # degrees, on a plane that lies flat
+STEEP = 60.0  # degrees that a normal stands up, from which its plane lies flat
+NEAR, NEXT = 1.0, 0.15  # extents of the cables: parts that reach up to here are shown whole, others so far
+DIRECTIONS = 128  # in which the farthest points are looked for
+MOMENTS = 8  # of a motion, at which moving parts are looked at
+POINTS_LOOKED_AT = 20  # of a cable, for what hides it
+LEAST_STEP = 0.005  # extents of a part, between two points of a line of sight
+
+
+def plane_normal(positions: Sequence[Array]) -> Array:
+    """Return the unit normal (3,) of the plane in which points of cables move mostly.
+
+    The direction in which they move least; where that leaves two, the one in which the cables extend less.
+
+    Args:
+        positions: of each cable, (P, N, 3), m.
+    """
+    spread = np.zeros((3, 3))
+    for position in positions:
+        moved = (position - position.mean(axis=0)).reshape(-1, 3)
+        extent = (position - position.mean(axis=(0, 1))).reshape(-1, 3)
+        for share, points in ((1.0, moved), (0.2, extent)):
+            total = float(np.sum(points * points))
+            spread += share * points.T @ points / max(total, 1e-30)
+    return np.linalg.eigh(spread)[1][:, 0]
+
+
+def axes(normal: Array, aside: float, sign: float, level: bool = False) -> tuple[Array, Array, Array]:
+    """Return right, up and back (3,) of a picture along ``normal``, ``aside`` degrees off and from above; z up.
+
+    Args:
+        normal: of the plane to look across, unit, (3,).
+        aside: degrees.
+        sign: 1 or -1: from which side.
+        level: whether a plane that lies flat is looked at from little above, too.
+    """
+    azimuth = math.atan2(sign * normal[1], sign * normal[0])
+    steep = abs(normal[2]) > math.sin(math.radians(STEEP))
+    if steep:
+        azimuth = -math.pi / 2 if sign > 0 else math.pi / 2
+    azimuth += math.radians(aside)
+    elevation = math.radians(FLAT_ELEVATION if steep and not level else ELEVATION)
+    out = math.cos(elevation)
+    back = np.array([out * math.cos(azimuth), out * math.sin(azimuth), math.sin(elevation)])
+    right = rotations.normalise(np.cross([0.0, 0.0, 1.0], back))
+    return right, np.cross(back, right), back
+
+
+def clearest(shown: Sequence[tuple[Motion, int, Scene]]) -> tuple[Array, Array, Array]:
+    """Return right, up and back (3,) of the picture across the plane of motion in which parts hide least of the cables.
+
+    Args:
+        shown: motions, each with the frame that is looked at and its parts; all are looked at the same way.
+    """
+    normal = plane_normal([cable.position for motion, _, _ in shown for cable in motion.cables.values()])
+    sides = list(itertools.product((False, True), (1.0, -1.0), (ASIDE, -ASIDE)))
+    views = [axes(normal, aside, sign, level) for level, sign, aside in sides]
+    return views[int(np.argmin([sum(_hidden(*one, view[2]) for one in shown) for view in views]))]
+
+
+def _hidden(motion: Motion, frame: int, scene: Scene, back: Array) -> int:
+    """Return how many points of the cables parts hide from an eye far off along ``back`` (3,).
+
+    A line of sight goes on by the distance to the part, which it cannot pass unseen (sphere tracing).
+    """
+    every = [max(1, len(cable.s) // POINTS_LOOKED_AT) for cable in motion.cables.values()]
+    cables = zip(motion.cables.values(), every, strict=True)
+    points = np.vstack([cable.position[frame, ::step] for cable, step in cables])
+    hidden = np.zeros(len(points), dtype=bool)
+    for part in scene.parts.values():
+        position, q = motion.problem.poses(part.body, motion.motion[frame])
+        home = rotations.conjugate(q[0])
+        at, way = rotations.rotate(home, points - position[0]), rotations.rotate(home, back)
+        extent = float(np.linalg.norm(part.upper - part.lower))
+        far = np.max(np.abs(at - 0.5 * (part.lower + part.upper)), axis=1) + extent
+        along = np.zeros(len(points))
+        while np.any(going := ~hidden & (along < far)):
+            distance = part.signed_distance(at[going] + along[going, None] * way)[0]
+            hidden[going] |= distance < 0
+            along[going] += np.maximum(distance, LEAST_STEP * extent)
+    return int(np.sum(hidden))
+
+
+def seen(problem: Problem, motion: Array, cables: Mapping[str, CableMotion], outlines: Mapping[str, Array]) -> Array:
+    """Return points (n, 3), m, that a picture must hold: the cables, and the parts near them.
+
+    Of a part that reaches far away only what is next to the cables counts: a cable on a ship is not to be a
+    dot on a ship.
+
+    Args:
+        problem: bodies and parts.
+        motion: (P,), 0 to 1, of the frames.
+        cables: the shapes in these frames.
+        outlines: points (k, 3) of each part in its body's coordinates that hold all of it, m.
+    """
+    stations = np.vstack([cable.position.reshape(-1, 3) for cable in cables.values()])
+    lower, upper = stations.min(axis=0), stations.max(axis=0)
+    diagonal = float(np.linalg.norm(upper - lower))
+    points = [stations]
+    at = motion[:: max(1, len(motion) // MOMENTS)]
+    for name, outline in outlines.items():
+        position, q = problem.poses(problem.parts[name].body, at)
+        reached = (rotations.rotate(q[:, None], outline) + position[:, None]).reshape(-1, 3)
+        far = max(float(np.max(lower - reached)), float(np.max(reached - upper)))
+        around = diagonal * (NEAR if far <= NEAR * diagonal else NEXT)
+        points.append(np.clip(reached, lower - around, upper + around))
+    return np.vstack(points)
+
+
+def extremes(points: Array) -> Array:
+    """Return those of ``points`` (k, 3) that lie farthest out in 128 directions, (n, 3)."""
+    turns = np.arange(DIRECTIONS) + 0.5
+    z = 1 - 2 * turns / DIRECTIONS
+    around = math.pi * (1 + math.sqrt(5)) * turns  # the golden angle spreads directions evenly
+    directions = np.column_stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z])
+    # one at a time: all at once would take a gigabyte for a million points
+    return points[np.unique([np.argmax(points @ direction) for direction in directions])]

@@ -1,0 +1,177 @@
+"""What holds the two ends of a rod, without dimensions: the conditions that close the balance laws.
+
+At each end position or force, and orientation or moment: eq. (24) of Liu et al. and every combination beside it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from harness_opt.errors import ProblemError
+from harness_opt.model.problem import REACH_TOLERANCE, Cable, End
+from harness_opt.numerics.rotations import IDENTITY, Array
+from harness_opt.rod import equations as rod
+from harness_opt.rod.equations import Section, Units
+
+
+class Kind(NamedTuple):
+    """Which quantities are given: what decides the structure of the equations, and nothing else."""
+
+    start_position: bool
+    start_orientation: bool
+    end_position: bool
+    end_orientation: bool
+
+
+CLAMPED = Kind(True, True, True, True)  # at both ends
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """The conditions at both ends; entries that ``kind`` does not use are zero (or the identity).
+
+    Args:
+        kind: which of them are used.
+        gap: vector from the start to the end, (3,), in lengths of the cable.
+        start_quaternion, end_quaternion: (4,).
+        start_force, end_force, start_moment, end_moment: loads on the cable, world, (3,), in B/L^2 and B/L.
+    """
+
+    kind: Kind
+    gap: Array
+    start_quaternion: Array
+    end_quaternion: Array
+    start_force: Array
+    end_force: Array
+    start_moment: Array
+    end_moment: Array
+
+    def blend(self, other: Boundary, fraction: float) -> Boundary:
+        """Return the conditions ``fraction`` of the way to ``other``, which must be of the same kind.
+
+        Quaternions go along the shorter great circle, the rest along straight lines.
+        """
+        changed = {}
+        for field in dataclasses.fields(self):
+            if field.name == "kind":
+                continue
+            a, b = getattr(self, field.name), getattr(other, field.name)
+            value = a + fraction * (b - a)
+            if field.name.endswith("quaternion"):
+                value = _slerp(a, b, fraction)
+            changed[field.name] = value
+        return dataclasses.replace(self, **changed)
+
+
+def _slerp(a: Array, b: Array, fraction: float) -> Array:
+    angle = 2.0 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b))
+    if angle < 1e-9:
+        return b if fraction > 0.5 else a
+    weights = np.sin(np.array([1.0 - fraction, fraction]) * angle) / np.sin(angle)
+    return weights[0] * a + weights[1] * b
+
+
+def boundary(start: End, end: End, units: Units) -> Boundary:
+    """Return the dimensionless conditions of two ends in world coordinates.
+
+    Raises:
+        ProblemError: neither end has a position; or the ends are further apart than the cable is long.
+    """
+    kind = Kind(
+        start.position is not None,
+        start.quaternion is not None,
+        end.position is not None,
+        end.quaternion is not None,
+    )
+    if not (kind.start_position or kind.end_position):
+        raise ProblemError("end.position: neither end has a position, so the cable would fly away")
+    gap = np.zeros(3)
+    if kind.start_position and kind.end_position:
+        gap = (np.asarray(end.position) - np.asarray(start.position)) / units.length
+        distance = float(np.linalg.norm(gap))
+        if distance > 1.0 + REACH_TOLERANCE:
+            raise ProblemError(
+                f"length: found {units.length:.6g} m, expected at least {units.length * distance:.6g} m, "
+                "the distance between its ends"
+            )
+        gap = gap / max(distance, 1.0)
+
+    def load(value: tuple[float, ...] | None, unit: float) -> Array:
+        return np.zeros(3) if value is None else np.asarray(value) / unit
+
+    return Boundary(
+        kind,
+        gap,
+        np.asarray(start.quaternion or IDENTITY, dtype=float),
+        np.asarray(end.quaternion or IDENTITY, dtype=float),
+        load(start.force, units.force),
+        load(end.force, units.force),
+        load(start.moment, units.moment),
+        load(end.moment, units.moment),
+    )
+
+
+@dataclass(frozen=True)
+class Case:
+    """One equilibrium to find, dimensionless: cable, load and ends.
+
+    Args:
+        section: the cable.
+        load: f, (3,), world.
+        boundary: the ends.
+    """
+
+    section: Section
+    load: Array
+    boundary: Boundary
+
+    def signed_like(self, start: Array, end: Array) -> Case:
+        """Return the case with the clamps' quaternions of the signs nearest to ``start`` and ``end`` (4,).
+
+        q and -q are one orientation; along a cable and a motion the sign carries the parity of the whole turns.
+        """
+        first, last = self.boundary.start_quaternion, self.boundary.end_quaternion
+        if first @ start >= 0 and last @ end >= 0:
+            return self
+        boundary = dataclasses.replace(
+            self.boundary,
+            start_quaternion=first if first @ start >= 0 else -first,
+            end_quaternion=last if last @ end >= 0 else -last,
+        )
+        return dataclasses.replace(self, boundary=boundary)
+
+    def blend(self, other: Case, fraction: float) -> Case:
+        """Return the case ``fraction`` of the way to ``other``; stiffness ratios and a growing load change
+        geometrically.
+        """
+        stiffness = self.section.stiffness ** (1.0 - fraction) * other.section.stiffness**fraction
+        rest = self.section.rest_curvature
+        return Case(
+            Section(stiffness, rest + fraction * (other.section.rest_curvature - rest)),
+            _blend_load(self.load, other.load, fraction),
+            self.boundary.blend(other.boundary, fraction),
+        )
+
+
+def _blend_load(a: Array, b: Array, fraction: float) -> Array:
+    """Blend two loads: their size geometrically where they point the same way, for a cable feels ratios; else
+    linearly.
+    """
+    size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    if a @ b < (1.0 - 1e-12) * size_a * size_b or size_a == 0.0 or size_b == 0.0:
+        return a + fraction * (b - a)
+    return b * (size_a / size_b) ** (1.0 - fraction)
+
+
+def case(cable: Cable, start: End, end: End, gravity: Array) -> Case:
+    """Return the dimensionless case of ``cable`` between two ends in world coordinates, in ``gravity`` (3,), m/s2.
+
+    Raises:
+        ProblemError: as :func:`boundary`.
+    """
+    section, units = rod.scale(cable)
+    return Case(section, rod.weight(cable, gravity), boundary(start, end, units))

@@ -1,0 +1,205 @@
+"""Finding a first shape: a length-true curve is let go and sinks to rest, and what it comes to is solved accurately.
+
+What is at rest is at a minimum of its energy, so what is solved from it is stable. The same descent shows where a
+cable lands that has lost its shape.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+from harness_opt.rod.boundary import Case
+from harness_opt.rod.collocation import pack, stations
+from harness_opt.rod.stability import doubtful, lowest_mode, stability
+from harness_opt.rod.states import Rod
+from harness_opt.statics.curls import curled
+from harness_opt.statics.first_guess import EASY, curve, loose, signed
+from harness_opt.statics.from_rest import solve_resting
+from harness_opt.statics.mesh import divided, refine
+from harness_opt.statics.rest import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, stiffen, tighten
+from harness_opt.statics.solve import STAGES, Solved, error_estimate, solve_on
+
+NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
+PLACES = 8  # an element, at which a lost shape is looked at
+SAME = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
+JUDGED = 1e-8  # estimated error, in L, of a shape whose stability is hard to tell
+STRAIGHT = 1e-8  # slack below which a cable is taken for straight
+
+
+def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved | None:
+    """Let the cable go from ``rod`` to a stable shape nearby of less energy; None where none is found.
+
+    ``case`` may differ from what ``rod`` was solved for: after a fold the old shape does not exist any more. The
+    shape is nudged along its weakest direction, and sinks from there.
+
+    Args:
+        case: what holds the cable now.
+        rod: its last shape.
+        solver: name.
+        gently: in short steps, as a real cable does.
+    """
+    direction = lowest_mode(rod, case.boundary.kind)
+    for nudge in NUDGES:
+        for sign in (1.0, -1.0):
+            landed = _descend(case, rod, sign * nudge * direction, solver, gently)
+            if landed is not None and is_stable(landed, solver):
+                return landed
+    return None
+
+
+def _descend(case: Case, rod: Rod, field: Array, solver: str, gently: bool) -> Solved | None:
+    """Sink from ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None if in vain."""
+    s = divided(rod.mesh, PLACES * (len(rod.mesh) - 1))
+    turned = np.stack([np.interp(s, rod.mesh, column) for column in field.T], axis=1)
+    q = rotations.multiply(rod.sample(s).q, rotations.from_rotation_vector(turned))
+    resting = sink(case, s, q, rod.force[-1], gently=gently)
+    return None if resting is None else solve_resting(case, resting, solver)
+
+
+def is_stable(solved: Solved, solver: str) -> bool:
+    """Return whether a solved shape has no unstable direction; where it is hard to tell, judged on a finer mesh."""
+    kind = solved.case.boundary.kind
+    found = stability(solved.rod, kind)
+    if doubtful(solved.rod, found, error_estimate(solved)[0]):
+        found = stability(refine(solved, JUDGED, solver)[0].rod, kind)
+    return bool(found.stable)
+
+
+def stabilised(solved: Solved, solver: str) -> Solved | None:
+    """Return ``solved`` where it is stable, else a stable shape of less energy; None where none is found.
+
+    None is looked for where a dead moment acts: it has no energy to descend, and often no stable shape at all.
+    """
+    boundary = solved.case.boundary
+    if is_stable(solved, solver):
+        return solved
+    if np.any(boundary.start_moment) or np.any(boundary.end_moment):
+        return None
+    return let_go(solved.case, solved.rod, solver, gently=False)
+
+
+def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
+    """Return directions to bow a starting curve to, the one wished for first.
+
+    A curve bowed against its own clamps, in a plane of symmetry, can lead to a saddle; another bow does not.
+    """
+    first = case.load if bow is None and np.any(case.load) else bow
+    aside = np.roll(np.array([1.0, 2.0, 3.0]), 1)  # in no plane that a scene is likely to be symmetric about
+    return first, None, aside, -aside
+
+
+def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
+    """Yield shapes from the starting curve bowed to ``bow``, one for each way that leads to one, mostly a single one.
+
+    Of a taut cable, three ways are tried: let go as it is, which does where its clamps point along it, or its clamp
+    layers are long enough for a curve through the ends; begun slack and soft in torsion, tightened while the turns are
+    nothing but twist, and stiffened; begun slack, stiffened until the turns have made loops, and tightened.
+
+    Args:
+        case, turns, bow, solver: as in :func:`cold_start`.
+    """
+    boundary, kind = case.boundary, case.boundary.kind
+    slack = 1.0 - float(np.linalg.norm(boundary.gap))
+    taut = kind.start_position and kind.end_position and slack < EASY
+    begun, s, q = curve(case, boundary, turns, bow)
+    if taut and slack <= STRAIGHT:
+        yield from _some(_straight(begun, s, q, solver))
+        return
+    work = QUICK if taut else WORK
+    resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=work)
+    if resting is not None:
+        resting = stiffen(begun, resting, work, patiently=not taut)
+    yield from _some(_solved(begun, resting, solver))
+    if taut:
+        for coiled in (TWISTED, COILED):
+            yield from _some(_tightened(case, turns, bow, coiled, solver))
+
+
+def _from_curls(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
+    """Yield a shape begun with a curl for each turn (:mod:`.curled`), of a cable that has to be let go soft in torsion.
+
+    Args:
+        case, turns, bow, solver: as in :func:`cold_start`.
+    """
+    begun, s, q = curve(case, loose(case.boundary), turns, bow)
+    if softened(begun, s, q, COILED) is not begun:
+        yield from _some(_solved(case, curled(case, turns, bow), solver))
+
+
+def _some(found: Solved | None) -> Iterator[Solved]:
+    if found is not None:
+        yield found
+
+
+def _tightened(case: Case, turns: int, bow: Array | None, coiled: float, solver: str) -> Solved | None:
+    """Find a shape from a curve between nearer ends; stiffened before it is tightened where it may have loops.
+
+    Args:
+        case, turns, bow, solver: as in :func:`cold_start`.
+        coiled: as in :func:`softened`.
+    """
+    begun, s, q = curve(case, loose(case.boundary), turns, bow)
+    case = dataclasses.replace(case, boundary=signed(case.boundary, q))
+    soft = softened(begun, s, q, coiled)
+    resting = sink(soft, s, q, np.zeros(3), gently=False)
+    if resting is not None and coiled >= COILED:
+        soft, resting = begun, stiffen(begun, resting)
+    if resting is not None:
+        resting = tighten(dataclasses.replace(case, section=soft.section), resting)
+    if resting is not None:
+        resting = stiffen(case, resting, QUICK)
+    return _solved(case, resting, solver)
+
+
+def _solved(case: Case, resting: Resting | None, solver: str) -> Solved | None:
+    return None if resting is None else solve_resting(case, resting, solver)
+
+
+def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
+    """Solve a cable stretched straight between its ends, whose tension is anything; None where its clamps bend it."""
+    mesh = np.linspace(0.0, 1.0, 9)
+    places = stations(mesh, STAGES)
+    frames = rotations.normalise(np.stack([np.interp(places, s, column) for column in q.T], axis=1))
+    omega = np.zeros((len(places), 3))
+    omega[:, 2] = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[0]), q[-1]))[2]
+    moment = rotations.rotate(frames, case.section.stiffness * (omega - case.section.rest_curvature))
+    solved = solve_on(case, mesh, pack(frames, moment, np.zeros(3), STAGES), solver)
+    return solved if solved.ok and not solved.turned else None
+
+
+def _starts(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
+    """Yield shapes from curves with different bows, then from curls; arguments as of :func:`cold_start`."""
+
+    def frames(wish: Array | None) -> Array:
+        return curve(case, loose(case.boundary), turns, wish)[2]
+
+    tried = list[Array | None]()
+    for wish in _bows(case, bow):
+        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=SAME) for other in tried):
+            continue
+        tried.append(wish)
+        yield from from_curve(case, turns, wish, solver)
+    yield from _from_curls(case, turns, tried[0], solver)
+
+
+def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
+    """Find a shape for ``case`` from its ends alone: a stable one where any is found, None where nothing worked.
+
+    Args:
+        case: what to solve.
+        turns: whole turns added to the smallest twist that joins the clamps along the starting curve.
+        bow: direction to which that curve is bowed; None takes the load's, then others where that fails.
+        solver: name.
+    """
+    unstable = None
+    for found in _starts(case, turns, bow, solver):
+        settled = stabilised(found, solver)
+        if settled is not None:
+            return settled
+        unstable = unstable or found
+    return unstable

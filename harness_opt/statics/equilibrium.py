@@ -1,0 +1,298 @@
+"""One pose: from two ends to an accurate, stable shape, or an honest failure."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from harness_opt.errors import ProblemError, SolveError, Status
+from harness_opt.model.problem import Cable, End
+from harness_opt.model.results import STATIONS
+from harness_opt.numerics.interface import Solution
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.threads import one_thread
+from harness_opt.rod import equations as rod_module
+from harness_opt.rod.boundary import Case, Kind, case
+from harness_opt.rod.equations import Section, Units
+from harness_opt.rod.stability import stability
+from harness_opt.rod.states import Rod
+from harness_opt.statics.cold_start import cold_start
+from harness_opt.statics.mesh import LAST_RESORT, refine
+from harness_opt.statics.paper_pose import START_SOLVER, Quadrature, solve_by_quadrature
+from harness_opt.statics.solve import SOLVERS, Solved, resample, solve_on
+
+TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One equilibrium in SI units, as plain arrays.
+
+    Args:
+        s: arc lengths of the stations, m, (N,).
+        position, quaternion, curvature, force, moment: there, (N, 3) or (N, 4); see ``motion.npz``.
+        status: how the solve ended.
+        stable: whether no small motion that the ends allow lowers the energy; of a shape that is not ``ok``, False.
+        stability_margin: lowest eigenvalue of the second variation, dimensionless; 0 is neutral.
+        energy: elastic energy less the work of gravity from the level of the start, J.
+        residual: largest scaled residual of the discretised equations.
+        estimated_error: of the centreline, in lengths of the cable.
+        iterations: of the solver, in all.
+        rod: the solved states without dimensions, for sampling and for going on from here.
+    """
+
+    s: Array
+    position: Array
+    quaternion: Array
+    curvature: Array
+    force: Array
+    moment: Array
+    status: Status
+    stable: bool
+    stability_margin: float
+    energy: float
+    residual: float
+    estimated_error: float
+    iterations: int
+    rod: Rod
+    _units: Units
+    _origin: Array
+
+    @property
+    def ok(self) -> bool:
+        """True only for a converged shape of certified accuracy."""
+        return self.status.ok
+
+    def at(self, s: ArrayLike) -> ShapeAt:
+        """Return the same quantities at arc lengths ``s`` (m,) or a number, in m, to the accuracy of the solve.
+
+        Raises:
+            ValueError: an arc length off the cable.
+        """
+        wanted = np.atleast_1d(np.asarray(s, dtype=float))
+        if wanted.size and (wanted.min() < 0 or wanted.max() > self._units.length * (1 + 1e-12)):
+            raise ValueError(f"arc length off the cable: expected 0 to {self._units.length} m, found {s!r}")
+        answer = _sampled(self.rod, self._units, self._origin, wanted)
+        if np.ndim(s) == 0:
+            answer = ShapeAt(*(getattr(answer, field.name)[0] for field in dataclasses.fields(answer)))
+        return answer
+
+
+@dataclass(frozen=True)
+class ShapeAt:
+    """Quantities of a shape at chosen arc lengths; fields as in :class:`Shape`."""
+
+    s: Array
+    position: Array
+    quaternion: Array
+    curvature: Array
+    force: Array
+    moment: Array
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A solve by either transcription: its rod, status, largest residual, error in L, and iterations."""
+
+    rod: Rod
+    status: Status
+    residual: float
+    error: float
+    iterations: int
+
+
+def _sampled(rod: Rod, units: Units, origin: Array, s: Array) -> ShapeAt:
+    samples = rod.sample(s / units.length)
+    return ShapeAt(
+        s,
+        origin + units.length * samples.r,
+        samples.q,
+        samples.omega / units.length,
+        units.force * samples.force,
+        units.moment * samples.moment,
+    )
+
+
+TRANSCRIPTIONS = ("collocation", "dqm")
+
+
+def check_method(transcription: str, solver: str) -> None:
+    """Raise ProblemError where a transcription or solver of that name cannot be had."""
+    if transcription not in TRANSCRIPTIONS:
+        expected = " or ".join(map(repr, TRANSCRIPTIONS))
+        raise ProblemError(f"transcription: found {transcription!r}, expected {expected}")
+    if solver not in SOLVERS:
+        raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Raise ProblemError where ``tolerance`` is not a number above 0."""
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise ProblemError(f"tolerance: found {tolerance!r}, expected a number above 0")
+
+
+@one_thread
+def equilibrium(  # noqa: PLR0913
+    cable: Cable,
+    start: End,
+    end: End,
+    gravity: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    transcription: str = "collocation",
+    points: int | None = None,
+    closure: bool = False,
+    solver: str = "gauss-newton",
+    tolerance: float = TOLERANCE,
+    stations: int = STATIONS,
+    bow: ArrayLike | None = None,
+    guess: Shape | None = None,
+    throw: bool = True,
+) -> Shape:
+    """Return the shape of a cable between two ends in world coordinates.
+
+    Args:
+        cable: the cable.
+        start, end: what holds its ends; ``end.turns`` adds whole turns of twist to the starting shape.
+        gravity: m/s2, (3,).
+        transcription: "collocation", or "dqm": the paper's own differential quadrature, from ``guess`` or the same
+            first shape, and certified by the collocation.
+        points: of "dqm", 5 to 200; None takes as many as the tolerance needs.
+        closure: of "dqm": whether the length closure (25) is among its equations.
+        solver: "gauss-newton", "levenberg-marquardt", "ipopt", or "paper": eq. (26) as printed, without safeguards.
+        tolerance: of the centreline, in lengths of the cable; the mesh is refined until the estimate is below.
+        stations: number of equally spaced stations returned; :meth:`Shape.at` gives any other.
+        bow: direction to which the starting shape bows where its length leaves the choice; gravity's if None.
+        guess: a shape to start from (of a like cable, between like ends), in place of the cold start.
+        throw: raise on failure, or return the failed shape.
+
+    Raises:
+        ProblemError: ends that no shape can join, unknown names, numbers that are not finite.
+        SolveError: no shape was found (only where ``throw``).
+    """
+    check_method(transcription, solver)
+    posed = case(cable, start, end, vector("gravity", gravity))
+    direction = None if bow is None else vector("bow", bow)
+    if direction is not None and not np.any(direction):
+        raise ProblemError(f"bow: found {bow!r}, expected a direction")
+    check_tolerance(tolerance)
+    options = Quadrature(points, closure, solver, tolerance)
+    if guess is not None:
+        posed = posed.signed_like(guess.rod.q[0], guess.rod.q[-1]) if guess.ok else posed
+    if transcription == "dqm":
+        shape = _by_quadrature(cable, (start, end), posed, direction, guess, stations, options)
+    else:
+        shape = _by_collocation(cable, (start, end), posed, direction, guess, stations, (tolerance, solver))
+    if throw and not shape.ok:
+        raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
+    return shape
+
+
+def vector(name: str, value: ArrayLike) -> Array:
+    """Return ``value`` as an array (3,).
+
+    Raises:
+        ProblemError: not three finite numbers.
+    """
+    array = np.asarray(value, dtype=float)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise ProblemError(f"{name}: found {value!r}, expected 3 finite numbers")
+    return array
+
+
+def _by_collocation(
+    cable: Cable,
+    ends: tuple[End, End],
+    posed: Case,
+    bow: Array | None,
+    guess: Shape | None,
+    stations: int,
+    numerics: tuple[float, str],
+) -> Shape:
+    """Solve from the guess or from nothing, refine, and return the shape, or a failed one."""
+    tolerance, solver = numerics
+    solved: Solved | None = None
+    if guess is None:
+        solved = cold_start(posed, ends[1].turns, bow, solver)
+    elif guess.ok:
+        mesh = guess.rod.mesh
+        solved = solve_on(posed, mesh, resample(guess.rod, mesh), solver)
+    if solved is None or not solved.ok:
+        return _failed(cable, stations, None if solved is None else solved.solution)
+    return refined_shape(cable, ends, solved, tolerance, solver, stations)
+
+
+def refined_shape(
+    cable: Cable, ends: tuple[End, End], solved: Solved, tolerance: float, solver: str, stations: int
+) -> Shape:
+    """Refine the mesh of a solved case to ``tolerance`` and return the shape between ``ends``, start and end."""
+    solved, error, status = refine(solved, tolerance, solver, LAST_RESORT[-1])
+    ended = Ended(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
+    return _shape(cable, *ends, solved.case.boundary.kind, ended, stations)
+
+
+def _by_quadrature(
+    cable: Cable,
+    ends: tuple[End, End],
+    posed: Case,
+    bow: Array | None,
+    guess: Shape | None,
+    stations: int,
+    options: Quadrature,
+) -> Shape:
+    """Solve by the paper's transcription from the guess, or from a cold start's shape; return it, or a failed one."""
+    begin = guess.rod if guess is not None and guess.ok else None
+    if guess is None:
+        solved = cold_start(posed, ends[1].turns, bow, START_SOLVER)
+        if solved is not None and solved.ok:
+            posed, begin = solved.case, solved.rod
+    if begin is None:
+        return _failed(cable, stations, None)
+    answer = solve_by_quadrature(posed, begin, options)
+    ended = Ended(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
+    return _shape(cable, *ends, posed.boundary.kind, ended, stations)
+
+
+def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, stations: int) -> Shape:
+    """Return a solved rod in SI units."""
+    units, rod = rod_module.scale(cable)[1], ended.rod
+    answer = stability(rod, kind)
+    if start.position is not None:
+        origin = np.asarray(start.position)
+    else:
+        origin = np.asarray(end.position) - units.length * rod.r[-1]
+    at = _sampled(rod, units, origin, np.linspace(0.0, cable.length, stations))
+    return Shape(
+        at.s,
+        at.position,
+        at.quaternion,
+        at.curvature,
+        at.force,
+        at.moment,
+        ended.status,
+        ended.status.ok and bool(answer.stable),
+        float(answer.margin),
+        float(rod.energy()) * units.moment,
+        ended.residual,
+        ended.error,
+        ended.iterations,
+        rod,
+        units,
+        origin,
+    )
+
+
+def _failed(cable: Cable, stations: int, solution: Solution | None) -> Shape:
+    """Return a shape that carries how it ended, None for no start, and no numbers."""
+    s, units = np.linspace(0.0, cable.length, stations), rod_module.scale(cable)[1]
+    status, residual, iterations = Status.NO_START, np.inf, 0
+    if solution is not None:
+        status, residual, iterations = solution.status, solution.residual, solution.iterations
+    vector, quaternion = np.full((len(s), 3), np.nan), np.full((len(s), 4), np.nan)
+    nothing = Rod(Section(np.ones(3), np.zeros(3)), np.zeros(3), np.zeros(0), *(np.zeros((0, k)) for k in (4, 3, 3, 3)))
+    return Shape(
+        s, vector, quaternion, vector, vector, vector, status, False, np.nan, np.nan, residual, np.inf, iterations,
+        nothing, units, np.zeros(3),
+    )  # fmt: skip

@@ -1,0 +1,287 @@
+"""Letting a cable go: down its energy to rest, on elements that fit what it holds, then solved accurately."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness_opt.numerics import rotations
+from harness_opt.numerics.descent import FIRST_SHIFT, Ended, descend
+from harness_opt.numerics.rotations import Array
+from harness_opt.rod.boundary import Boundary, Case
+from harness_opt.rod.energy_chain import Chain
+from harness_opt.statics.curl_steps import has_curls, slid
+from harness_opt.statics.mesh import ELEMENTS, divided
+
+TURNING, BENDING = 1.2, 0.8  # rad an element; root of the rad by which its curvature changes the turning
+LOOSE = 1.6  # how far a chain may miss that at rest
+SPREAD, GROWTH = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
+ROWS = 64  # of distances between places, looked at together: what a processor keeps at hand
+SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: of a cable that sinks gently, of one that only looks for rest
+WORK = 60_000  # elements times steps that a descent may take: some seconds
+QUICK = 8_000  # the same for a descent that another one can stand in for
+ROUND = 20  # steps of a descent, after which curls are slid on
+ROUNDS, SLIGHT = 8, 1e-11  # of them, that bring curls to the last digit; relative, of the energy: what is gained there
+DRIFTED = 2.0  # times its length, or the inverse: an element that has changed so much does not fit any more
+LITTLE = 1e-4  # relative, of the energy: a round that gains less hardly goes down
+STANDSTILL = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
+WARM_SHIFT = 1e-3  # first shift of a descent that goes on from rest
+COILED, TWISTED = 100.0, 6.0  # rad in its length, of the waves M / k that it may bend in, and that it hardly does in
+STIFFEN = 4.0  # factor by which a march makes it stiffer in torsion; one that jumps too far coils it up
+LEAST_STIFFEN = 1.15
+TIGHTEN = 2.0  # factor by which a march makes a cable tauter
+LEAST_TIGHTEN = 1.1
+
+
+@dataclass(frozen=True)
+class Resting:
+    """A chain at a minimum of its energy.
+
+    Args:
+        chain: its energy.
+        q: quaternions of the nodes, (m, 4).
+        multipliers: of its constraints.
+    """
+
+    chain: Chain
+    q: Array
+    multipliers: Array
+
+
+def sink(case: Case, s: Array, q: Array, force: Array, *, gently: bool, work: int = WORK) -> Resting | None:
+    """Let a cable go from a shape to a minimum of its energy nearby; None where none was reached.
+
+    Moments given at the ends are left out.
+
+    Args:
+        case: the cable and what holds it.
+        s, q: arc lengths (m,) and quaternions (m, 4) of the shape, close enough for a straight look between them.
+        force: guess of the internal force at the end, (3,).
+        gently: in short steps, as a real cable sinks through a viscous medium; else in long ones.
+        work: elements times steps that it may take.
+    """
+    spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
+    middles = 0.5 * (s[1:] + s[:-1])
+    mesh = fitted(middles, np.linalg.norm(spin, axis=1) / np.diff(s) / TURNING)
+    chain = Chain(case.section, case.load, case.boundary, mesh)
+    nodes = chain.held(_between(s, q, chain.nodes))
+    multipliers = force if chain.closed else chain.multipliers
+    manner = _Manner(SMALL_STEP if gently else LONG_STEP, work, slides=not gently)
+    return _rest(chain, nodes, multipliers, FIRST_SHIFT, manner)
+
+
+def _between(s: Array, q: Array, wanted: Array) -> Array:
+    """Return quaternions (N, 4) at ``wanted`` (N,), turned evenly between those (m, 4) at ``s`` (m,)."""
+    i = np.clip(np.searchsorted(s, wanted, side="right") - 1, 0, len(s) - 2)
+    part = (wanted - s[i]) / (s[i + 1] - s[i])
+    turn = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[i]), q[i + 1]))
+    return rotations.multiply(q[i], rotations.from_rotation_vector(part[:, None] * turn))
+
+
+def fitted(s: Array, needed: Array) -> Array:
+    """Return a mesh, of a size on offer, as dense as ``needed`` (m,), elements per length, asks for at ``s`` (m,).
+
+    Lengths change gradually, and what is dense stays dense for some elements on either side: curls slide.
+    """
+    fine = np.unique(np.concatenate([s, np.linspace(0.0, 1.0, 8 * ELEMENTS[0] + 1)]))
+    size = 1.0 / np.maximum(np.interp(fine, s, needed), ELEMENTS[0])
+    # size + GROWTH max(0, distance - SPREAD size), of whatever asks for least
+    grown, begun = GROWTH * fine, (1.0 - GROWTH * SPREAD) * size
+    spread = [
+        np.min(np.maximum(size, np.abs(grown[i : i + ROWS, None] - grown) + begun), axis=1)
+        for i in range(0, len(fine), ROWS)
+    ]
+    size = np.concatenate(spread)
+    run = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 2.0 / (size[1:] + size[:-1]))])
+    count = next((n for n in ELEMENTS if n >= run[-1]), ELEMENTS[-1])
+    return np.interp(np.linspace(0.0, run[-1], count + 1), run, fine)
+
+
+def density(omega: Array, s: Array) -> Array:
+    """Return the elements per length (m,) that a shape with Darboux vectors (m, 3) at ``s`` (m,) needs."""
+    change = np.linalg.norm(np.diff(omega, axis=0), axis=1) / np.diff(s)
+    nearby = np.maximum(np.append(change, 0.0), np.append(0.0, change))
+    return np.maximum(np.linalg.norm(omega, axis=1) / TURNING, np.sqrt(nearby) / BENDING)
+
+
+@dataclass(frozen=True)
+class _Manner:
+    """How a cable comes to rest.
+
+    Args:
+        longest: step, rad.
+        work: elements times steps that it may take.
+        slides: whether curls are moved along the cable on the way: see :mod:`.sliding`.
+        nearly: whether it is enough that it hardly goes down any more: at a station on the way to another cable.
+    """
+
+    longest: float
+    work: int
+    slides: bool = True
+    nearly: bool = False
+
+
+def _rest(chain: Chain, q: Array, multipliers: Array, shift: float, manner: _Manner) -> Resting | None:
+    """Descend on ``chain``, and on others made to fit, until one that fits is at rest; None where that fails."""
+    room, work = _room(chain), manner.work
+    standstills, grown, above = 0, np.ones(len(chain.mesh) - 1), np.inf
+    while work > 0:
+        elements = len(chain.mesh) - 1
+        steps = max(1, min(ROUND, work // elements) if manner.slides else work // elements)
+        found = descend(chain, q, multipliers, longest=manner.longest, steps=steps, shift=shift, room=room)
+        q, multipliers = found.q, found.multipliers
+        if found.ended is Ended.STUCK:
+            return None
+        work -= elements * max(1, found.steps)
+        strained = found.ended is Ended.STRAINED
+        drifts = manner.slides and found.ended is Ended.UNFINISHED and work > 0
+        moved = slid(chain, q, multipliers, room) if drifts else None
+        if moved is not None:
+            grown *= np.diff(moved.chain.mesh) / np.diff(chain.mesh)
+            chain, q, multipliers = moved.chain, moved.q, moved.multipliers
+        energy = chain.energy(q)[0]
+        little = above - energy < LITTLE * (1.0 + abs(energy))
+        arrived = (found.ended is Ended.AT_REST and moved is None) or (manner.nearly and not strained and little)
+        above = energy
+        unfit = np.max(np.maximum(grown, 1.0 / grown)) > DRIFTED
+        if not (arrived or strained or unfit or found.ended is Ended.AT_REST):
+            shift = found.shift
+            continue
+        standstills = standstills + 1 if strained and elements == ELEMENTS[-1] and found.steps <= STANDSTILL else 0
+        if standstills > STANDSTILL:
+            return None
+        omega = chain.sample(q, chain.points)[1]
+        if strained:  # on the way down only what turns far needs elements
+            needed = np.linalg.norm(omega, axis=1) / TURNING
+        else:
+            needed = density(omega, chain.points)
+            lengths = np.repeat(np.diff(chain.mesh), len(chain.points) // elements)
+            fits = np.max(needed * lengths) <= LOOSE or (elements == ELEMENTS[-1] and shift == WARM_SHIFT)
+            if arrived and fits:
+                return Resting(chain, q, multipliers)
+            if fits and not unfit:
+                shift = found.shift
+                continue
+        finer = chain.on(fitted(chain.points, needed))
+        q = finer.held(chain.sample(q, finer.nodes)[0])
+        shift = FIRST_SHIFT if strained else WARM_SHIFT
+        chain, grown = finer, np.ones(len(finer.mesh) - 1)
+    return None
+
+
+def closer(resting: Resting, finer: int) -> Resting | None:
+    """Bring the curls of a chain as near to their rest as rounding lets them; None where it has none.
+
+    Args:
+        resting: the chain.
+        finer: elements for one of it.
+    """
+    chain, q, multipliers = resting.chain, resting.q, resting.multipliers
+    if not has_curls(chain, q):
+        return None
+    chain = chain.on(divided(chain.mesh, finer * (len(chain.mesh) - 1)))
+    q = chain.held(resting.chain.sample(q, chain.nodes)[0])
+    room = _room(chain)
+    for _ in range(ROUNDS):
+        found = descend(chain, q, multipliers, longest=SMALL_STEP, steps=ROUND, shift=WARM_SHIFT, room=room)
+        q, multipliers = found.q, found.multipliers
+        moved = slid(chain, q, multipliers, room, SLIGHT)
+        if moved is None:
+            break
+        chain, q, multipliers = moved.chain, moved.q, moved.multipliers
+    return Resting(chain, q, multipliers)
+
+
+def softened(case: Case, s: Array, q: Array, coiled: float) -> Case:
+    """Return ``case`` with so little torsional stiffness that a curve does not coil up where it is let go.
+
+    A twisted cable bends first in waves as short as M / k allows, and many turns of one that is stiff in torsion would
+    have it coil too finely for any mesh. A soft one takes its turns into loops as long as itself.
+
+    Args:
+        case: the cable and what holds it.
+        s, q: arc lengths (m,) and quaternions (m, 4) of the curve.
+        coiled: what is left of those waves, rad in its length.
+    """
+    spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
+    stiffness = case.section.stiffness
+    waves = stiffness[2] * float(np.max(np.abs(spin[:, 2] / np.diff(s)))) / float(np.min(stiffness[:2]))
+    if waves <= coiled:
+        return case
+    soft = np.array([*stiffness[:2], stiffness[2] * coiled / waves])
+    return dataclasses.replace(case, section=dataclasses.replace(case.section, stiffness=soft))
+
+
+def stiffen(case: Case, resting: Resting, work: int = WORK, *, patiently: bool = False) -> Resting | None:
+    """Take a :func:`softened` cable at rest to the stiffness of ``case``, from minimum to minimum; None if in vain.
+
+    Args:
+        case, resting: as above.
+        work: elements times steps that each minimum may take.
+        patiently: in shorter steps where the first fails, else it fails.
+    """
+    wanted, factor = float(case.section.stiffness[2]), STIFFEN
+    while (reached := float(resting.chain.section.stiffness[2])) < wanted:
+        stiffness = np.array([*case.section.stiffness[:2], min(factor * reached, wanted)])
+        section = dataclasses.replace(case.section, stiffness=stiffness)
+        chain = Chain(section, case.load, resting.chain.boundary, resting.chain.mesh, exact=resting.chain.exact)
+        tried = min(work, QUICK) if patiently and factor >= LEAST_STIFFEN**2 else work
+        manner = _Manner(LONG_STEP, tried, nearly=stiffness[2] < wanted)
+        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, manner)
+        if found is not None:
+            resting = found
+            continue
+        factor = math.sqrt(factor)
+        if not patiently or factor < LEAST_STIFFEN:
+            return None
+    return resting
+
+
+def _slack(boundary: Boundary) -> float:
+    return 1.0 - float(np.linalg.norm(boundary.gap))
+
+
+def _room(chain: Chain) -> float:
+    """Return how little the constraints of a chain leave free."""
+    return _slack(chain.boundary) if chain.closed else 1.0
+
+
+def tighten(case: Case, resting: Resting) -> Resting | None:
+    """Take a cable at rest to the shorter slack of ``case``, from minimum to minimum; None where it gets lost.
+
+    A taut cable is straight but for clamp layers and curls as long as its slack, and its tension goes with the inverse
+    square of it: so what is bent is shrunk with every step, which leaves hardly anything to solve.
+    """
+    wanted, factor = _slack(case.boundary), TIGHTEN
+    direction = case.boundary.gap / np.linalg.norm(case.boundary.gap)
+    slack = _slack(resting.chain.boundary)
+    while slack > wanted * (1.0 + 1e-9):
+        step = min(factor, slack / wanted)
+        gap = case.boundary.gap if step == slack / wanted else (1.0 - slack / step) * direction
+        boundary = dataclasses.replace(resting.chain.boundary, gap=gap)
+        chain = Chain(case.section, case.load, boundary, _shrunk(resting, step), exact=True)
+        manner = _Manner(SMALL_STEP, WORK, nearly=step < slack / wanted)
+        found = _rest(chain, resting.q, resting.multipliers * step**2, WARM_SHIFT, manner)
+        if found is None:
+            factor = np.sqrt(factor)
+            if factor < LEAST_TIGHTEN:
+                return None
+            continue
+        resting, slack = found, slack / step
+    return resting
+
+
+def _shrunk(resting: Resting, factor: float) -> Array:
+    """Return the mesh of a chain with its bent elements shorter by ``factor`` and its straight ones longer."""
+    chain = resting.chain
+    steps = np.diff(chain.mesh)
+    bending = np.linalg.norm(chain.sample(resting.q, chain.points)[1][:, :2], axis=1)
+    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (1e-4 * TURNING), 0.0, 1.0)
+    steps, straight = steps * (1.0 - (1.0 - 1.0 / factor) * bent), steps * (1.0 - bent)
+    if np.sum(straight) > 0.0:
+        steps = steps + (1.0 - np.sum(steps)) * straight / np.sum(straight)
+    run = np.concatenate([[0.0], np.cumsum(steps)])
+    return run / run[-1]

@@ -1,0 +1,258 @@
+"""One accurate solve near a known shape, and its error, estimated from the shape alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness_opt.errors import Status
+from harness_opt.numerics import gauss_newton, ipopt, levenberg_marquardt, valley
+from harness_opt.numerics import paper_levenberg_marquardt as paper
+from harness_opt.numerics.extrapolation import Trail
+from harness_opt.numerics.interface import Options, Solution, Solver, largest
+from harness_opt.numerics.linear import CONDITION_LIMIT, Factor, factorise
+from harness_opt.numerics.rotations import Array
+from harness_opt.rod.boundary import CLAMPED, Case
+from harness_opt.rod.collocation import BoundCollocation, collocation, pack, stations
+from harness_opt.rod.states import Defects, Rod
+
+SOLVERS: dict[str, Solver] = {
+    "gauss-newton": gauss_newton.solve,
+    "levenberg-marquardt": levenberg_marquardt.solve,
+    "ipopt": ipopt.solve,
+    "paper": paper.solve,
+}
+SAFEGUARDED = "gauss-newton"  # the solver that a walk along a valley comes after
+SHARP = 1e-3  # part of the residual asked for that counts as solved along a valley: what is left goes far there
+FLOOR = 1e-2  # residual of the scaled equations that is left on the floor of a valley at most
+ALMOST = 1e3  # times the residual asked for: left by what has come down to that floor, and not strayed
+STAGES = 5  # Gauss points an element: order 10 at the nodes
+RESIDUAL = 1e-11  # of the scaled equations
+ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
+POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
+SETTLED, SETTLINGS = 0.3, 12  # part of the residual that a walk along a valley is to leave, and how often
+TURNED = 1e-2  # L a rad: what an error of the frames counts
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solved discretisation with what is needed to go on from it.
+
+    Args:
+        case: what was solved.
+        bound: its equations.
+        solution: the solver's answer.
+        trail: the solves that led here by :func:`~harness_opt.statics.continuation.step`, this one first; None where
+            it was found otherwise.
+    """
+
+    case: Case
+    bound: BoundCollocation
+    solution: Solution
+    trail: Trail | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solver converged."""
+        return self.solution.status.ok
+
+    @functools.cached_property
+    def rod(self) -> Rod:
+        """The states at the nodes."""
+        return _rod(self.case, self.bound, self.solution.x)
+
+    @functools.cached_property
+    def factor(self) -> Factor:
+        """The factorised Jacobian at the solution."""
+        return factorise(self.bound.linearise(self.solution.x)[1])
+
+    @functools.cached_property
+    def estimate(self) -> tuple[float, Array]:
+        """What :func:`error_estimate` returns."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            defects = self.rod.defects()
+        return error_from_defects(self, defects)
+
+    @property
+    def lasting(self) -> Factor | None:
+        """A factorised Jacobian that serves for cases nearby too; None where there is none.
+
+        Where the last one of the solver does not, the one at the solution may: of a shape that may turn freely it
+        leaves that turn out.
+        """
+        last = self.solution.factor
+        if last is None or last.benign:
+            return last
+        return self.factor if self.factor.benign else None
+
+    @property
+    def turned(self) -> bool:
+        """Whether the end came out with the opposite sign: an odd number of whole turns away from the one asked for."""
+        boundary = self.case.boundary
+        last = self.bound.last_quaternion(self.solution.x)
+        return boundary.kind.end_orientation and float(last @ boundary.end_quaternion) < 0.0
+
+
+def _load_scale(load: Array, force: Array) -> float:
+    return 1.0 + math.sqrt(load @ load) + math.sqrt(force @ force)
+
+
+def solve_on(
+    case: Case,
+    mesh: Array,
+    x: Array,
+    solver: str,
+    iterations: int = 60,
+    near: Solved | None = None,
+    residual: float = RESIDUAL,
+) -> Solved:
+    """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended.
+
+    Where Gauss-Newton comes down to the floor of a valley, and not quite to the solution, it is walked along
+    (:mod:`.solvers.valley`).
+
+    Args:
+        case, mesh, x: as above.
+        solver: name.
+        iterations: limit.
+        near: solve of a like case nearby, whose factorised Jacobian may serve.
+        residual: largest entry of the scaled equations that counts as solved.
+    """
+    bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
+    # rounding grows with the loads that the moment equations carry, and turns long soft elements
+    scale = _load_scale(case.load, x[-3:])
+    turned = ROUNDING * scale * float((mesh[1:] - mesh[:-1]).max()) ** 2 / float(case.section.stiffness.min())
+    tolerance = residual * math.sqrt(scale) + turned
+    factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
+    problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
+    solution = SOLVERS[solver](problem, x, options)
+    factor = solution.factor
+    flat = factor is None or (not factor.singular and factor.condition > CONDITION_LIMIT)
+    sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
+    loose = solution.residual > (sharp.tolerance if flat else tolerance)
+    if solver == SAFEGUARDED and loose and solution.residual <= FLOOR * math.sqrt(scale):
+        energy = (lambda x: _energy(case, bound, x)) if case.boundary.kind == CLAMPED else None
+        steps = valley.STEPS if near is None else valley.FEW
+        # where it did not converge, it may have strayed far, or be on the floor already
+        starts = [solution.x] if solution.status.ok else [x]
+        if near is None and tolerance < solution.residual <= ALMOST * tolerance:
+            starts.append(solution.x)
+        for begun in starts:
+            walked = valley.solve(problem, begun, sharp, energy, steps=steps)
+            if walked.residual <= min(tolerance, solution.residual):
+                solution = dataclasses.replace(walked, status=Status.OK)
+                break
+    return Solved(case, bound, solution)
+
+
+def _energy(case: Case, bound: BoundCollocation, x: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(_rod(case, bound, x).energy())
+
+
+def _rod(case: Case, bound: BoundCollocation, x: Array) -> Rod:
+    states = bound.unpack(x)
+    return Rod(case.section, case.load, states.mesh, states.q, states.r, states.force, states.moment)
+
+
+def resample(rod: Rod, mesh: Array) -> Array:
+    """Return the unknowns (..., m) on ``mesh`` that describe the shapes of ``rod``, one or many."""
+    samples = rod.sample(stations(mesh, STAGES))
+    return pack(samples.q, samples.moment, samples.force[..., 0, :], STAGES)
+
+
+def error_estimate(solved: Solved) -> tuple[float, Array]:
+    """Return the estimated error of the centreline, in L, and each element's own contribution (n,).
+
+    Or a hundredth of the largest local turning error, in rad, where that is more: in clamp layers thinner than any
+    error of the centreline.
+
+    The local errors of the elements (:meth:`Rod.defects`) are fed back through the linearised equations, so the
+    estimate is of the global error and needs no second solve. What the solver left of the equations counts too, and
+    how far apart the two shapes are that both ends of an element give for its middle.
+    """
+    return solved.estimate
+
+
+def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
+    """Return what :func:`error_estimate` does, from the shape's defects already at hand."""
+    dq, dm, dr, turning, apart, behind = defects
+    mesh = solved.bound.mesh
+    n, s = len(mesh) - 1, STAGES
+    local = apart + np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
+    local = np.where(np.isfinite(local), local, np.inf)
+    if not (np.all(np.isfinite(dm)) and np.max(local) < 1.0):
+        return np.inf, local
+    residual = np.zeros(solved.bound.transcription.size)
+    blocks = residual[4 : 4 + n * (4 * s + 7)].reshape(n, 4 * s + 7)
+    turns, moments = blocks[:, 4 * s : 4 * s + 4], blocks[:, 4 * s + 4 :]
+    kind = solved.case.boundary.kind
+    before = 1.0 - behind[:, None]
+    turns += behind[:, None] * dq
+    moments += behind[:, None] * dm
+    turns[:-1] += (before * dq)[1:]
+    moments[:-1] += (before * dm)[1:]
+    if kind.start_orientation:
+        residual[:4] = before[0] * dq[0]
+    else:
+        residual[1:4] = before[0] * dm[0]
+    if kind.start_position and kind.end_position:
+        residual[4 + n * (4 * s + 7) :][:3] = -dr.sum(axis=0)
+    # that of the last iteration is good enough, but where a shape may turn freely: off it, that turn looks determined
+    factor = solved.lasting or solved.solution.factor or solved.factor
+    x = solved.solution.x
+    # where the shape may turn freely, what is left of the equations turns it
+    left = solved.bound.residual(x) if factor.benign else np.zeros_like(x)
+    dx = factor.solve(np.stack([residual, left], axis=1))
+    moved = solved.bound.node_rates(x, dx)
+    # the centreline's own local errors add to those that come from the frames
+    moved[1:, :, 0] += np.cumsum(dr, axis=0)
+    turned = TURNED * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
+    # nodes, and what is sampled between them, are off by different things
+    return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum() + apart.max()), turned), local
+
+
+def settled(solved: Solved) -> Solved:
+    """Return a solve walked on along its valley until rounding hides the rest; the same where it has none.
+
+    Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
+    """
+    if solved.factor.condition < CONDITION_LIMIT:
+        return solved
+    problem, best = solved.bound.least_squares(), solved.solution
+    for _ in range(SETTLINGS):
+        walked = valley.solve(problem, best.x, Options(SETTLED * best.residual, 0))
+        if not walked.status.ok:
+            break
+        best = walked
+    found = Solved(solved.case, solved.bound, best)
+    return solved if best is solved.solution or found.turned else found
+
+
+def polished(solved: Solved) -> Solved:
+    """Return a solve corrected until rounding is left, with the Jacobian that it ended with.
+
+    What counts as solved grows with the loads, and long elements show what is left: their curvatures are the small
+    differences of large moments.
+    """
+    best = solved.solution
+    if best.factor is not None and not best.factor.singular:
+        best = _corrected(solved.bound, best, best.factor)
+    if best is solved.solution and best.residual > RESIDUAL and not solved.factor.singular:
+        best = _corrected(solved.bound, best, solved.factor)
+    return solved if best is solved.solution else dataclasses.replace(solved, solution=best)
+
+
+def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
+    """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
+    for _ in range(POLISHES):
+        x = best.x - factor.solve(bound.residual(best.x))
+        left = largest(bound.residual(x))
+        if not left < POLISHED * best.residual:
+            break
+        best = dataclasses.replace(best, x=x, residual=left)
+    return best

@@ -1,0 +1,142 @@
+"""Study files: which problem, what is varied and how; TOML to :class:`~harness_opt.studies.variations.Variations`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Discriminator, Field, Tag
+
+from harness_opt.errors import ProblemError
+from harness_opt.files.file_table import Table
+from harness_opt.files.places import unreadable
+from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
+from harness_opt.files.schema import structured
+from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
+from harness_opt.files.values import Expected, Number, Text, Whole, dotted, one_of, only_integer, shown
+from harness_opt.model.tolerances import Tolerance
+from harness_opt.studies.shared_problem import COMMANDS, Command
+from harness_opt.studies.variations import METHODS, Variations
+
+SPREADS = (*WIDTHS, "distribution", "nominal", "from", "to", "count", "values")
+COUNT_MOST = 1_000_000  # values of one key
+
+
+class SpreadTable(ToleranceTable):
+    """What one key is varied by."""
+
+    nominal: Number | None = Field(default=None, description="The middle; the problem's own value where left out.")
+    from_: Number | None = Field(default=None, alias="from", description="Smallest value.")
+    to: Number | None = Field(default=None, description="Largest value.")
+    count: Whole | None = Field(default=None, description="Of a grid: how many values, the ends included.")
+    values: list[Any] | None = Field(default=None, description="The values themselves.")
+
+
+def _kind(value: Any) -> str:
+    return "values" if isinstance(value, list) else "table"
+
+
+Spread = Annotated[
+    Annotated[list[Any], Tag("values")] | Annotated[SpreadTable, Tag("table")], Discriminator(_kind)
+]  # fmt: skip
+
+
+class StudyTable(Table):
+    """A study file of harness-opt."""
+
+    schema_: Annotated[Literal[1], BeforeValidator(only_integer), Expected("1")] = Field(
+        alias="schema", description="Version of this format."
+    )
+    title: Text = Field(default="", description="One line for people.")
+    problem: Text = Field(description="Problem file, relative to this one.")
+    command: Annotated[Literal["simulate", "redesign"], Expected(one_of(COMMANDS))] = Field(
+        default="simulate", description="What to run for each variant."
+    )
+    method: Annotated[Literal["grid", "list", "latin hypercube", "monte carlo"], Expected(one_of(METHODS))] = Field(
+        description="How variants are made from what is varied."
+    )
+    samples: Whole | None = Field(default=None, description="How many, of a Latin hypercube or Monte Carlo.")
+    seed: Whole = Field(default=0, description="Of the samples; the same seed gives the same.")
+    vary: dict[str, Spread] = Field(default_factory=dict, description="By key of the problem, in quotes.")
+    variants: list[dict[str, Any]] = Field(default_factory=list, description="Of a list: the values by key, of each.")
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A study as its file has it.
+
+    Args:
+        file, title: of the study.
+        problem: path of the problem's file.
+        command: what to run for each variant.
+        variations: what is varied, and how.
+    """
+
+    file: Path
+    title: str
+    problem: Path
+    command: Command
+    variations: Variations
+
+
+def read_study(path: str | os.PathLike[str]) -> StudyFile:
+    """Return the study that a TOML file describes; the problem that it names is not read.
+
+    Raises:
+        ProblemError: one line a mistake, as of a problem file.
+    """
+    file = Path(path)
+    tables, _, wrong = structured(toml_tables(content_of(file, "a study file"), file), StudyTable)
+    mistakes = [f"{dotted(path)}: {words}" for path, words in wrong]
+    if tables is not None:
+        problem = file.parent / tables.problem
+        why = unreadable(problem, MOST_BYTES)
+        if why:
+            mistakes.append(f"problem: found {shown(tables.problem)}, {why}, expected a problem file")
+        vary: dict[str, Any] = {}
+        for key, spread in tables.vary.items():
+            try:
+                vary[key] = spread if isinstance(spread, list) else _spread(spread)
+            except ProblemError as error:
+                mistakes += [f"{dotted(('vary', key))}: {line}" for line in error.mistakes]
+        if not mistakes:
+            try:
+                variations = Variations(tables.method, vary, tables.samples or 0, tables.seed, tuple(tables.variants))
+                return StudyFile(file, tables.title, problem, tables.command, variations)
+            except ProblemError as error:
+                mistakes += error.mistakes
+    raise ProblemError(f"{file}: {line}" for line in mistakes)
+
+
+def _spread(given: SpreadTable) -> Tolerance | list[Any]:
+    """Return the values or the distribution that a table describes.
+
+    Raises:
+        ProblemError: none, or several at once.
+    """
+    content = given.model_dump(by_alias=True)
+    named = {key for key in SPREADS if content[key] is not None}
+    if named == {"values"}:
+        return list(given.values or ())
+    if named == {"from", "to", "count"}:
+        return _range(content)
+    if named in ({"from", "to"}, {"from", "to", "distribution"}):
+        if not content["from"] < content["to"]:
+            raise ProblemError(f"from: found {shown(content['from'])}, expected a value below to, {shown(given.to)}")
+        middle, half = 0.5 * (content["from"] + content["to"]), 0.5 * (content["to"] - content["from"])
+        return Tolerance(half, distribution=given.distribution or "uniform", nominal=middle)
+    if named & {"values", "from", "to", "count"}:
+        words = "plus_minus or deviation, or from and to, or these and count for a grid, or values"
+        raise ProblemError(f"found {' and '.join(sorted(named))}, expected {words}")
+    return tolerance(content, given.nominal)
+
+
+def _range(content: Mapping[str, Any]) -> list[float]:
+    """Return the values of a grid, the ends included."""
+    if not 1 < content["count"] <= COUNT_MOST:
+        raise ProblemError(f"count: found {content['count']}, expected at least 2, at most {COUNT_MOST:,}")
+    return np.linspace(content["from"], content["to"], content["count"]).tolist()
