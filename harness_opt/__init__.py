@@ -10,29 +10,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .design.nominal import Redesign
+    from .clearance.measure import clearances
     from .design.redesign import redesign
+    from .design.result import Redesign
     from .errors import CompilerError, HarnessError, ProblemError, SolveError, Status
     from .files.read import read_problem, write_problem
-    from .model.bodies import Hinge, Poses, Slide
+    from .model.bodies import Body, Hinge, Poses, Slide
+    from .model.cable import Cable, CableRun, End
+    from .model.design import Coupling, Design, Limits, Variable
+    from .model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
     from .model.plausibility import doubts
-    from .model.problem import (
-        Body,
-        Box,
-        Cable,
-        CableRun,
-        Capsule,
-        Coupling,
-        Cylinder,
-        Design,
-        End,
-        Limits,
-        MeshFile,
-        Part,
-        Problem,
-        Sphere,
-        Variable,
-    )
+    from .model.problem import Problem
     from .model.results import Motion
     from .model.tolerances import Tolerance
     from .motion.paper_data import Path, Profile, disperse, load_profiles, profiles, save_profiles
@@ -41,7 +29,7 @@ if TYPE_CHECKING:
     from .motion.simulate import simulate
     from .numerics.machine_code import compiled
     from .report.html_page import write_report
-    from .report.summary import clearances, write_results
+    from .report.result_files import write_results
     from .statics.equilibria import equilibria
     from .statics.equilibrium import Shape, equilibrium
     from .studies.study import study
@@ -50,42 +38,73 @@ if TYPE_CHECKING:
     from .studies.variations import Variations
 
 _ROOMS = {
-    "model.bodies": ("Hinge", "Poses", "Slide"),
-    "errors": ("CompilerError", "HarnessError", "ProblemError", "SolveError", "Status"),
-    "report.html_page": ("write_report",),
-    "numerics.machine_code": ("compiled",),
-    "motion.simulate": ("simulate",),
-    "statics.equilibria": ("equilibria",),
-    "model.problem": (
+    "clearance.measure": ("clearances",),
+    "design.redesign": ("redesign",),
+    "design.result": ("Redesign",),
+    "errors": (
+        "CompilerError",
+        "HarnessError",
+        "ProblemError",
+        "SolveError",
+        "Status",
+    ),
+    "files.read": (
+        "read_problem",
+        "write_problem",
+    ),
+    "model.bodies": (
         "Body",
-        "Box",
+        "Hinge",
+        "Poses",
+        "Slide",
+    ),
+    "model.cable": (
         "Cable",
         "CableRun",
-        "Capsule",
-        "Coupling",
-        "Cylinder",
-        "Design",
         "End",
+    ),
+    "model.design": (
+        "Coupling",
+        "Design",
         "Limits",
-        "MeshFile",
-        "Part",
-        "Problem",
-        "Sphere",
         "Variable",
     ),
-    "files.read": ("read_problem", "write_problem"),
-    "design.nominal": ("Redesign",),
-    "design.redesign": ("redesign",),
-    "motion.playback": ("display",),
-    "motion.playback_error": ("DisplayError", "display_error"),
+    "model.parts": (
+        "Box",
+        "Capsule",
+        "Cylinder",
+        "MeshFile",
+        "Part",
+        "Sphere",
+    ),
     "model.plausibility": ("doubts",),
-    "statics.equilibrium": ("Shape", "equilibrium"),
-    "motion.paper_data": ("Path", "Profile", "disperse", "load_profiles", "profiles", "save_profiles"),
-    "report.summary": ("clearances", "write_results"),
+    "model.problem": ("Problem",),
     "model.results": ("Motion",),
+    "model.tolerances": ("Tolerance",),
+    "motion.paper_data": (
+        "Path",
+        "Profile",
+        "disperse",
+        "load_profiles",
+        "profiles",
+        "save_profiles",
+    ),
+    "motion.playback": ("display",),
+    "motion.playback_error": (
+        "DisplayError",
+        "display_error",
+    ),
+    "motion.simulate": ("simulate",),
+    "numerics.machine_code": ("compiled",),
+    "report.html_page": ("write_report",),
+    "report.result_files": ("write_results",),
+    "statics.equilibria": ("equilibria",),
+    "statics.equilibrium": (
+        "Shape",
+        "equilibrium",
+    ),
     "studies.study": ("study",),
     "studies.study_file": ("read_study",),
-    "model.tolerances": ("Tolerance",),
     "studies.variant": ("VariantResult",),
     "studies.variations": ("Variations",),
 }

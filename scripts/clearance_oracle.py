@@ -23,7 +23,7 @@ import trimesh
 
 import harness_opt as ho
 from harness_opt.clearance.measure import measure
-from harness_opt.model.problem import CableRun
+from harness_opt.model.cable import CableRun
 from harness_opt.model.results import CableMotion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array

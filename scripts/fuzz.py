@@ -100,7 +100,7 @@ def tried(command: str, file: str, folder: Path) -> Outcome:
 
 def left_behind(folder: Path) -> Iterator[str]:
     """Yield what is wrong with the results that a run left in ``folder``."""
-    from harness_opt.report.summary import read_results
+    from harness_opt.files.stored_results import read_results
 
     results = folder / "results"
     for place in sorted(results.iterdir()) if results.is_dir() else ():

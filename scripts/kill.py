@@ -69,7 +69,7 @@ def killed(command: str, folder: Path, dice: random.Random, whole: float) -> str
         RuntimeError: the result is none of these.
     """
     from harness_opt.errors import HarnessError
-    from harness_opt.report.summary import read_results
+    from harness_opt.files.stored_results import read_results
 
     result = folder / "out" / "result"
     before, old_hidden = content(result), set(hidden(result.parent))

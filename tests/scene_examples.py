@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from harness_opt.model.problem import Box, Cable, CableRun, Capsule, Cylinder, End, MeshFile, Part, Problem, Sphere
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
 

@@ -16,7 +16,8 @@ from scripts_of import script
 import harness_opt as ho
 from harness_opt.clearance import certify as through_motion
 from harness_opt.clearance.certify import MOST_INSERTED
-from harness_opt.clearance.measure import Between, Options, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import Between, Options
 from harness_opt.clearance.witnesses import CROWDED, LONG, ROUGH, STOPPED
 from harness_opt.model.bodies import Hinge
 from harness_opt.motion.between_frames import BetweenFrames

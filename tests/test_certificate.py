@@ -11,11 +11,15 @@ from curve_examples import DIAMETER, LENGTH, helix, runs, shapes
 from scene_examples import MESHES, POSE, SHAPES, load_mesh, problem_with
 
 import harness_opt as ho
-from harness_opt.clearance.measure import Between, Options, measure
+from harness_opt.clearance.measure import measure
 from harness_opt.clearance.moving_centreline import MovingCurve
+from harness_opt.clearance.pairs import Between, Options
 from harness_opt.clearance.solved_frames import SolvedFrames
-from harness_opt.model.bodies import Hinge, Poses, Slide
-from harness_opt.model.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
+from harness_opt.model.bodies import Body, Hinge, Poses, Slide
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.design import Limits
+from harness_opt.model.parts import Box, MeshFile, Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Snap
 from harness_opt.motion.between_frames import BetweenFrames
 from harness_opt.numerics import rotations

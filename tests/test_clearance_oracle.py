@@ -9,9 +9,13 @@ from curve_examples import DIAMETER, LENGTH, helix, line, random_helices, runs, 
 from scene_examples import MESHES, POSE, SHAPES, problem_with
 
 from harness_opt.clearance.centreline import closest_on_segments, sag
-from harness_opt.clearance.measure import Options, measure
-from harness_opt.model.bodies import Hinge
-from harness_opt.model.problem import Body, Box, Cable, CableRun, End, Limits, MeshFile, Part, Problem, Sphere
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import Options
+from harness_opt.model.bodies import Body, Hinge
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.design import Limits
+from harness_opt.model.parts import Box, MeshFile, Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
 

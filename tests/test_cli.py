@@ -15,14 +15,15 @@ from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in,
 
 from harness_opt.cli import commands as cli
 from harness_opt.cli.commands import main
-from harness_opt.cli.progress import Abandoned, Interrupts, progress_for
+from harness_opt.cli.interrupts import Abandoned, Interrupts
+from harness_opt.cli.progress import progress_for
 from harness_opt.design import nominal as outer_loop
 from harness_opt.errors import SolveError, Status
 from harness_opt.files.read import read_problem
+from harness_opt.files.stored_results import read_results
 from harness_opt.model.results import Motion
 from harness_opt.motion import simulate as motion
 from harness_opt.report import words as tables
-from harness_opt.report.summary import read_results
 from harness_opt.statics import mesh as refinement
 from harness_opt.statics import solve as solving
 

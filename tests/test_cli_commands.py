@@ -13,10 +13,11 @@ from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in,
 
 from harness_opt.cli import commands as cli
 from harness_opt.cli.commands import main
-from harness_opt.cli.progress import Interrupts, progress_for
+from harness_opt.cli.interrupts import Interrupts
+from harness_opt.cli.progress import progress_for
 from harness_opt.errors import HarnessError
 from harness_opt.files.read import read_problem
-from harness_opt.report.summary import read_results
+from harness_opt.files.stored_results import read_results
 
 # --- pictures and show ---------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.model import design_variables
-from harness_opt.model.problem import Design
+from harness_opt.model.design import Design
 from harness_opt.motion.shape_rates import shape_rates
 from harness_opt.motion.sweep import cable_motion, sweep
 from harness_opt.numerics import rotations

@@ -15,15 +15,15 @@ from flap_file import FLAP, HIT, PLAIN, WALLED, put, stand_in, strict
 
 from harness_opt.clearance.witnesses import STOPPED
 from harness_opt.cli.commands import main
-from harness_opt.cli.progress import Interrupts
+from harness_opt.cli.interrupts import Interrupts
 from harness_opt.design import nominal as outer_loop
 from harness_opt.design import search as design_search
 from harness_opt.errors import HarnessError, SolveError, Status
+from harness_opt.files.stored_results import read_results
 from harness_opt.model.results import Motion
 from harness_opt.motion import between_frames
 from harness_opt.motion import simulate as motion
 from harness_opt.report import summary as report
-from harness_opt.report.summary import read_results
 
 Patch = pytest.MonkeyPatch
 Preparation = Callable[[Patch], list[str]]
@@ -141,7 +141,7 @@ CODES: dict[tuple[str, int], Preparation] = {
     ("show", 130): shown(interrupting),
     ("export", 0): solved("export", "out", "--to", "csv"),
     ("export", 2): given("export", "out", "--to", "csv"),
-    ("export", 130): interrupted("harness_opt.report.summary.read_results", "export", "out", "--to", "csv"),
+    ("export", 130): interrupted("harness_opt.files.stored_results.read_results", "export", "out", "--to", "csv"),
     ("new", 0): given("new", "other"),
     ("new", 2): given("new", "flap"),
     ("new", 130): interrupted("harness_opt.cli.template.write_template", "new", "other"),
@@ -269,7 +269,7 @@ def test_a_solve_that_never_comes_to_a_safe_point_is_cut_off(here, monkeypatch):
         while True:
             time.sleep(0.01)
 
-    monkeypatch.setattr("harness_opt.cli.progress.LEAST_GRACE", 0.1)
+    monkeypatch.setattr("harness_opt.cli.interrupts.LEAST_GRACE", 0.1)
     monkeypatch.setattr(motion, "simulate", endless)
     begin = time.monotonic()
     assert main(["simulate", put(FLAP), *PLAIN, "--time-limit", "0.1"]) == 3
@@ -284,7 +284,7 @@ def test_pictures_are_cut_off_too(here, monkeypatch):
         while True:
             time.sleep(0.01)
 
-    monkeypatch.setattr("harness_opt.cli.progress.LEAST_GRACE", 0.1)
+    monkeypatch.setattr("harness_opt.cli.interrupts.LEAST_GRACE", 0.1)
     monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=endless))
     assert main(["simulate", put(FLAP), "-q", "--time-limit", "4"]) == 0
     stored = read_results("results/flap").summary

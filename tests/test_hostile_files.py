@@ -21,19 +21,18 @@ from problem_files import HINGE, MESH, changed, mistakes, same, written
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
-from harness_opt.cli.redesign_progress import interrupted
+from harness_opt.cli.redesign import interrupted
 from harness_opt.errors import HarnessError, ProblemError
 from harness_opt.files import arrays as stored_arrays
 from harness_opt.files import places as file_places
 from harness_opt.files import read as problem_file
 from harness_opt.files.read import read_problem, write_problem
-from harness_opt.files.stored_results import read_motion
+from harness_opt.files.stored_results import read_motion, read_results
 from harness_opt.files.values import dotted
-from harness_opt.model.problem import MeshFile
+from harness_opt.model.parts import MeshFile
 from harness_opt.parts import mesh_headers as mesh_sizes
 from harness_opt.parts.mesh_file import read_mesh
 from harness_opt.parts.scene import load_scene
-from harness_opt.report.summary import read_results
 
 OUTSIDE = "a file outside the problem's folder"
 links = pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")

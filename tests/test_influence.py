@@ -26,7 +26,7 @@ from harness_opt.files.quantities import quantities_of
 from harness_opt.files.quantity_keys import differentiable
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion
-from harness_opt.parts.geometry import Primitive
+from harness_opt.parts.primitives import Primitive
 from harness_opt.parts.scene import load_scene
 from harness_opt.studies import ranking
 from harness_opt.studies.ranking import ranked, step_of, tightest, worst_margin

@@ -10,7 +10,7 @@ from scipy import integrate
 from test_analytic import Elastica
 
 import harness_opt as ho
-from harness_opt.motion.path import left_out
+from harness_opt.model.problem import left_out
 from harness_opt.numerics import rotations
 
 ALONG_X = tuple(rotations.from_tangent((1, 0, 0)).tolist())

@@ -19,8 +19,8 @@ from test_reference import G, cable, ends
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
+from harness_opt.files.stored_results import read_results
 from harness_opt.numerics import machine_code, rotations
-from harness_opt.report.summary import read_results
 from harness_opt.rod.boundary import case
 from harness_opt.rod.collocation import collocation
 from harness_opt.rod.energy_chain import Chain

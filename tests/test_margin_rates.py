@@ -11,10 +11,10 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.clearance.measure import measure
-from harness_opt.clearance.to_cable import arc_apart
+from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.design.margins import linearised
 from harness_opt.model import design_variables
-from harness_opt.model.problem import Design
+from harness_opt.model.design import Design
 from harness_opt.motion.shape_rates import shape_rates
 from harness_opt.motion.simulate import collect
 from harness_opt.motion.sweep import followed, sweep

@@ -19,22 +19,11 @@ from harness_opt.errors import HarnessError
 from harness_opt.files.arrays import KEPT
 from harness_opt.files.read import write_problem
 from harness_opt.files.stored_results import read_motion
-from harness_opt.model.bodies import Hinge
-from harness_opt.model.problem import (
-    Body,
-    Box,
-    Cable,
-    CableRun,
-    Capsule,
-    Cylinder,
-    Design,
-    End,
-    Limits,
-    Part,
-    Problem,
-    Sphere,
-    Variable,
-)
+from harness_opt.model.bodies import Body, Hinge
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.design import Design, Limits, Variable
+from harness_opt.model.parts import Box, Capsule, Cylinder, Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics import rotations
@@ -46,7 +35,7 @@ from harness_opt.pictures.camera import TITLE_ROOM, Camera
 from harness_opt.pictures.drawing import CABLES, SIZE, TOUCHES, Moment
 from harness_opt.pictures.stills import AFTER
 from harness_opt.pictures.window import Window
-from harness_opt.report.summary import write_results
+from harness_opt.report.result_files import write_results
 
 UP, ALONG = (tuple(rotations.from_tangent(way)) for way in ((0, 0, 1), (1, 0, 0)))
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="windows come without X11 elsewhere")

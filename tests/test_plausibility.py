@@ -12,10 +12,12 @@ from flap_file import FLAP, PLAIN, put, strict
 from harness_opt.cli.commands import main
 from harness_opt.cli.template import write_template
 from harness_opt.files.read import read_problem
+from harness_opt.files.stored_results import read_results
+from harness_opt.model.design import Limits
+from harness_opt.model.parts import Part, Sphere
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Limits, Part, Problem, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.parts.scene import load_scene
-from harness_opt.report.summary import read_results
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 

@@ -18,19 +18,10 @@ from problem_files import CONTRACT, HEADER, HINGE, MESH, MINIMAL, ROWS, changed,
 
 from harness_opt.files.read import read_problem, schema, write_problem
 from harness_opt.model.bodies import Hinge, Slide
-from harness_opt.model.problem import (
-    Box,
-    Cable,
-    Capsule,
-    Cylinder,
-    End,
-    Limits,
-    MeshFile,
-    Part,
-    Problem,
-    Sphere,
-    Variable,
-)
+from harness_opt.model.cable import Cable, End
+from harness_opt.model.design import Limits, Variable
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
 # --- what is read --------------------------------------------------------------------------------------

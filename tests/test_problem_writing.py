@@ -17,22 +17,11 @@ from problem_files import CONTRACT, HEADER, ROWS, changed, poses_of, same, with_
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.read import read_problem, write_problem
-from harness_opt.model.bodies import Hinge, Slide
-from harness_opt.model.problem import (
-    Body,
-    Box,
-    Cable,
-    CableRun,
-    Capsule,
-    Cylinder,
-    Design,
-    End,
-    Limits,
-    Part,
-    Problem,
-    Sphere,
-    Variable,
-)
+from harness_opt.model.bodies import Body, Hinge, Slide
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.design import Design, Limits, Variable
+from harness_opt.model.parts import Box, Capsule, Cylinder, Part, Sphere
+from harness_opt.model.problem import Problem
 
 
 def test_written_file_reads_back_from_another_folder(folder: Path) -> None:

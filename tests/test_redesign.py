@@ -16,10 +16,10 @@ from flap_file import HIT, PLAIN, WALLED, put, strict
 import harness_opt as ho
 from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
-from harness_opt.cli import redesign_progress
+from harness_opt.cli import redesign as redesign_command
 from harness_opt.cli.commands import main
 from harness_opt.design import trial as trials
-from harness_opt.design.nominal import Earlier
+from harness_opt.design.result import Earlier
 from harness_opt.design.sqp import Step
 from harness_opt.model import design_variables
 from harness_opt.parts.scene import load_scene
@@ -275,7 +275,7 @@ def test_progress_tells_limit_margin_step_and_time(here, capsys):
 
 def test_twist_is_told_in_degrees():
     step = Step("least change", 0.0, -0.5, "twist of lead", -np.pi, 0.25, 0.1, False)
-    assert redesign_progress.words(step, 3) == (
+    assert redesign_command.words(step, 3) == (
         "iteration 3 (least change): twist of lead short by 180 deg/m, step 10 % of the bounds, not kept"
     )
 
@@ -291,7 +291,7 @@ def test_an_interrupted_redesign_goes_on(here, capsys, monkeypatch):
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(redesign_progress.Follower, "__call__", stop)
+        patch.setattr(redesign_command.Follower, "__call__", stop)
         main(["redesign", "flap.toml", *PLAIN])
     content = strict(Path("results/flap/summary.json").read_text())
     assert (content["status"], content["reason"]) == ("unsolved", "interrupted")
@@ -315,11 +315,11 @@ def test_what_was_interrupted_counts_for_the_same_file_only(here):
     Path("out").mkdir()
     Path("out/summary.json").write_text(json.dumps(content))
     problem = ho.read_problem("flap.toml")
-    assert redesign_progress.interrupted(Path("out"), problem) is None
+    assert redesign_command.interrupted(Path("out"), problem) is None
     content["problem"]["sha256"] = problem.sha256
     Path("out/summary.json").write_text(json.dumps(content))
-    assert redesign_progress.interrupted(Path("out"), problem) == Earlier({"lead.length": 0.3})
-    assert redesign_progress.interrupted(Path("nowhere"), problem) is None
+    assert redesign_command.interrupted(Path("out"), problem) == Earlier({"lead.length": 0.3})
+    assert redesign_command.interrupted(Path("nowhere"), problem) is None
 
 
 # --- two quantities --------------------------------------------------------------------------------------

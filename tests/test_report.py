@@ -14,15 +14,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness_opt.clearance.measure import clearances
 from harness_opt.design.nominal import redesign
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.files.read import read_problem, write_problem
-from harness_opt.model.bodies import Hinge
-from harness_opt.model.problem import Body, Cable, CableRun, Design, End, Limits, Part, Problem, Sphere, Variable
+from harness_opt.files.stored_results import read_results
+from harness_opt.model.bodies import Body, Hinge
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.design import Design, Limits, Variable
+from harness_opt.model.parts import Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.motion.simulate import simulate
 from harness_opt.report import words as tables
-from harness_opt.report.summary import clearances, read_results, summary, timed, verdict, write_results
+from harness_opt.report.result_files import write_results
+from harness_opt.report.summary import summary, timed, verdict
 from harness_opt.statics import mesh as refinement
 
 # fmt: off

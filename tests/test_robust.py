@@ -12,13 +12,13 @@ from flap_file import HIT, PLAIN, put, strict
 from scipy import stats
 
 import harness_opt as ho
-from harness_opt.clearance.measure import ClearanceResult
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.cli.commands import main
 from harness_opt.design.key_derivatives import Linear
 from harness_opt.design.robustness import judged
 from harness_opt.files.quantity_keys import Quantity
 from harness_opt.files.read import read_problem, write_problem
-from harness_opt.model.problem import Robust
+from harness_opt.model.design import Robust
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.studies.yields import measured
 

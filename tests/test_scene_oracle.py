@@ -13,7 +13,8 @@ import trimesh
 from scene_examples import MESHES, POSE, SHAPES, load_mesh, problem_with
 
 from harness_opt.errors import ProblemError
-from harness_opt.model.problem import Box, MeshFile, Part, Problem, Sphere
+from harness_opt.model.parts import Box, MeshFile, Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import Mesh, load_scene
 

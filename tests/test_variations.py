@@ -15,7 +15,7 @@ from study_examples import STUDY, placed, quantities
 import harness_opt as ho
 from harness_opt.errors import ProblemError
 from harness_opt.model import design_variables
-from harness_opt.model.problem import Design, Variable
+from harness_opt.model.design import Design, Variable
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene

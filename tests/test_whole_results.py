@@ -19,7 +19,7 @@ from harness_opt.cli.commands import main
 from harness_opt.errors import ProblemError
 from harness_opt.files import result_folder, whole_folder
 from harness_opt.files.result_folder import replacing
-from harness_opt.report.summary import read_results
+from harness_opt.files.stored_results import read_results
 
 KILLS = 3  # of each command; scripts/kill.py kills 50
 COMMANDS = ("simulate", "redesign")

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.clearance.measure import PairClearance
+from harness_opt.clearance.pairs import PairClearance
+from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics import rotations
@@ -69,7 +70,7 @@ def clearance_along(motion: Motion, scene: Scene, pair: PairClearance, points: P
     shapes = motion.cables[other]
     apart = np.linalg.norm(points.position[:, None] - shapes.position[frame], axis=-1)
     if other == name:  # what is near along the cable is near, as `clearance.measure` says
-        gap = 0.5 * math.pi * (own.diameter + (problem.limits.clearance or 0.0))
+        gap = arc_apart(own.radius, problem.limits.clearance)
         apart = np.where(np.abs(points.s[:, None] - shapes.s) < gap, np.inf, apart)
     return apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness_opt.clearance.measure import ClearanceResult
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, LimitResult, Motion
 from harness_opt.numerics.rotations import Array

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,160 +26,25 @@ from harness_opt.clearance.centreline import Curve, cubic_error
 from harness_opt.clearance.certify_cable import CableSearch
 from harness_opt.clearance.certify_part import PartSearch, Seen
 from harness_opt.clearance.moving_centreline import MovingCurve
-from harness_opt.clearance.solved_frames import Solve, SolvedFrames
-from harness_opt.clearance.to_cable import CurvePair, against_cable, least_gap
+from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance
+from harness_opt.clearance.solved_frames import SolvedFrames
+from harness_opt.clearance.to_cable import CurvePair, against_cable
 from harness_opt.clearance.to_part import against_part, places
+from harness_opt.clearance.what_counts import least_gap, let_off
 from harness_opt.clearance.witnesses import LONG, Certificate, Found, Task, Witnesses, never
-from harness_opt.model.problem import WORLD, Body, End, Problem
-from harness_opt.model.results import CableMotion, LimitResult, Motion, Snap
+from harness_opt.model import checks
+from harness_opt.model.bodies import WORLD, Body
+from harness_opt.model.cable import End
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import CableMotion, Motion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.geometry import Geometry
-from harness_opt.parts.scene import Scene
+from harness_opt.parts.scene import Scene, load_scene
 
 __all__ = ["Between", "ClearanceResult", "Curve", "Options", "PairClearance", "Witnesses", "measure"]
 
 MOST_VIEWS = 4  # of one cable from bodies that are kept at a time: each takes as much memory as the frames
-
-
-@dataclass(frozen=True)
-class Options:
-    """How hard to look.
-
-    Args:
-        tolerance: to which the smallest clearance is wanted, m; None takes 1 % of the cable's diameter, and 5 % of
-            the clearance of what stays more than ten diameters above ``reach``.
-        reach: witnesses are kept up to this much above the limit, m; None takes the cable's diameter.
-        most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
-            larger.
-        stop: asked while the motion is searched; once True, what is left is not certified, and says so.
-    """
-
-    tolerance: float | None = None
-    reach: float | None = None
-    most_queries: int = 20_000
-    stop: Callable[[], bool] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class PairClearance:
-    """One cable against one obstacle, in P frames.
-
-    Args:
-        cable: its name.
-        obstacle: name of the part, or "cable:NAME" of another cable or of the same one.
-        limit: m, or None.
-        nearest: the smallest clearance of each frame, P witnesses in order; of a part far away in all of them, one
-            close to it.
-        witnesses: the local minima along the cable that lie less than ``reach`` above the limit, by frame; several
-            at one place where it lies between walls, a normal for each.
-        place: the one witness with the smallest clearance of all solved frames, those solved in between included;
-            its frame is the nearest of the P.
-        motion: where it stands, 0 to 1.
-        lower_bound: no point of the cable has a smaller clearance, m: in the P frames, or through the whole motion
-            where that was looked at.
-        certified_along_arc: whether the P frames hold nothing worse than their smallest by more than was asked.
-        certified: whether the whole motion holds nothing worse than :attr:`worst` by more than was asked.
-        reason: why not, where it is not.
-        excluded: lengths from start and end that do not count, m.
-        closed: False where the obstacle is a shell without an inside, so that a cable inside would go unseen.
-    """
-
-    cable: str
-    obstacle: str
-    limit: float | None
-    nearest: Witnesses
-    witnesses: Witnesses
-    place: Witnesses
-    motion: float
-    lower_bound: float
-    certified_along_arc: bool
-    certified: bool
-    reason: str
-    excluded: tuple[float, float]
-    closed: bool
-
-    @property
-    def start(self) -> Certificate:
-        """What the P frames alone say of the motion."""
-        return Certificate(self.place, self.motion, self.lower_bound, self.reason)
-
-    @property
-    def clearance(self) -> Array:
-        """The smallest clearance of each frame, (P,), m."""
-        return self.nearest.clearance
-
-    @property
-    def frame(self) -> int:
-        """The frame with the smallest clearance, or the nearest one to where that is."""
-        return int(self.place.frame[0])
-
-    @property
-    def arc_length(self) -> float:
-        """Where along the cable the smallest clearance is, m."""
-        return float(self.place.arc_length[0])
-
-    @property
-    def worst(self) -> float:
-        """The smallest clearance of all solved frames, m."""
-        return float(self.place.clearance[0])
-
-    @property
-    def tolerance(self) -> float:
-        """By how much, at most, what lies between can be worse than :attr:`worst`, m."""
-        return self.worst - self.lower_bound
-
-
-@dataclass(frozen=True, eq=False)
-class ClearanceResult:
-    """Clearances of all cables to all obstacles.
-
-    Args:
-        motion: (P,), 0 to 1, of the frames.
-        pairs: one for each cable and obstacle.
-        left_out: what was not measured and why, a sentence each.
-        inserted: how many frames were solved between the others to be certain, by cable.
-    """
-
-    motion: Array
-    pairs: tuple[PairClearance, ...]
-    left_out: tuple[str, ...] = ()
-    inserted: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def limits(self) -> tuple[LimitResult, ...]:
-        """One row for each pair that has a limit."""
-        return tuple(
-            LimitResult(
-                name="clearance",
-                limit=pair.limit,
-                worst=pair.worst,
-                margin=pair.worst - pair.limit,
-                cable=pair.cable,
-                frame=pair.frame,
-                motion=pair.motion,
-                arc_length=pair.arc_length,
-                part=pair.obstacle,
-                certified=pair.certified,
-                tolerance=pair.tolerance,
-                reason=pair.reason,
-            )
-            for pair in self.pairs
-            if pair.limit is not None
-        )
-
-
-@dataclass(frozen=True)
-class Between:
-    """What is needed to be certain between frames.
-
-    Args:
-        solve: finds shapes there.
-        snaps: of the cables.
-    """
-
-    solve: Solve
-    snaps: tuple[Snap, ...] = ()
 
 
 def measure(
@@ -220,7 +85,7 @@ def measure(
                     seen.clear()
                 seen[geometry.body] = own.curve.seen_from(*poses[geometry.body])
             task = replace(own, curve=seen[geometry.body], limit=problem.clearance_limit(name))
-            excluded = _excluded(problem, task, geometry.body)
+            excluded = let_off(problem, task, geometry.body)
             if sum(excluded) >= task.curve.s[-1]:
                 why = f"all of it lies within {sum(excluded):.3g} m of its clamps on {geometry.body}"
                 left_out.append(f"clearance of {own.cable} to {name}: {why}")
@@ -316,14 +181,6 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
     )
 
 
-def _excluded(problem: Problem, task: Task, body: str) -> tuple[float, float]:
-    """Return the lengths from start and end that do not count against parts of ``body``, m."""
-    run = problem.cables[task.cable]
-    length = 2.0 * ((task.limit or 0.0) + task.radius)
-    start, end = (length if end.position is not None and end.body == body else 0.0 for end in (run.start, run.end))
-    return start, end
-
-
 def _pair(given: Motion, task: Task, obstacle: str, found: Found) -> PairClearance:
     """Return the result of a pair in the frames alone: what was found, sorted."""
     samples = found.samples
@@ -395,3 +252,35 @@ def _in_world(pair: PairClearance, problem: Problem, body: str, motion: Array) -
         witnesses=turned(pair.witnesses, motion[pair.witnesses.frame]),
         place=turned(pair.place, np.array([pair.motion])),
     )
+
+
+def clearances(
+    motion: Motion,
+    scene: Scene | None = None,
+    *,
+    tolerance: float | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> ClearanceResult:
+    """Return the clearances of a motion: all cables to all parts and, where a limit asks for it, to cables.
+
+    Where there is a limit, frames are solved between those of the motion until the smallest clearance of the whole
+    motion is certain; they are not added to it.
+
+    Args:
+        motion: simulated; what was solved of it is measured.
+        scene: the parts as geometry; None loads them.
+        tolerance: to which the smallest clearances are wanted, m; None takes 1 % of the cable's diameter.
+        stop: asked while the motion is searched between its frames; once True, the rest is left uncertain.
+
+    Raises:
+        ProblemError: a mesh that cannot be used; a tolerance that is not above 0.
+    """
+    if tolerance is not None:
+        checks.positive("tolerance", tolerance)
+    if not motion.cables:
+        return ClearanceResult(motion.motion, ())
+    from harness_opt.motion.between_frames import BetweenFrames
+
+    scene = load_scene(motion.problem) if scene is None else scene
+    between = Between(BetweenFrames(motion), motion.snaps)
+    return measure(motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop), between)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness_opt.clearance.centreline import Curve, balls, closest_on_segments, sag
+from harness_opt.clearance.what_counts import least_gap
 from harness_opt.clearance.witnesses import Found, Task, Witnesses, local_minima
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, lengths
@@ -72,23 +73,6 @@ def _minima(
     table[frame[order], row[order]], number[frame[order], row[order]] = value[order], order
     low = number[local_minima(table, task.horizon)]
     return (frame[low], *_shrink(curves, frame[low], s[low], t[low])), (frame, cell, bound), settled
-
-
-def least_gap(task: Task) -> float:
-    """Return :func:`arc_apart` of the cable of ``task``, m."""
-    return arc_apart(task.radius, task.limit)
-
-
-def arc_apart(radius: float, limit: float | None) -> float:
-    """Return the least arc, m, between two points of one cable that count against each other.
-
-    It is that of a hairpin, a half circle, whose limbs stand just the limit apart.
-
-    Args:
-        radius: of the cable, m.
-        limit: of its clearance, m; None is none.
-    """
-    return 0.5 * math.pi * (2 * radius + (limit or 0.0))
 
 
 @dataclass(frozen=True, eq=False)

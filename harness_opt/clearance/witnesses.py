@@ -66,7 +66,7 @@ class Task:
         curve: its centreline, in the coordinates of the obstacle.
         radius: m.
         error: of the cubics of ``curve``, m.
-        tolerance, reach, most_queries: as in :class:`harness_opt.clearance.measure.Options`, m.
+        tolerance, reach, most_queries: as in :class:`harness_opt.clearance.pairs.Options`, m.
         limit: m, or None.
         strict: whether the tolerance holds for what is far away too.
         stop: asked again and again while the motion is searched; True ends the search without a certificate.

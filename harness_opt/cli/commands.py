@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from harness_opt.cli.progress import Abandoned
+from harness_opt.cli.interrupts import Abandoned
 from harness_opt.cli.run import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
 from harness_opt.errors import CompilerError, HarnessError, ProblemError
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
-    from harness_opt.design.nominal import Redesign
+    from harness_opt.design.result import Redesign
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
 
@@ -378,7 +378,7 @@ def show(folder: Path, folders: tuple[Path, ...]) -> int:
     \b
     harness-opt show results/lift_arm
     """
-    from harness_opt.report.summary import read_results
+    from harness_opt.files.stored_results import read_results
 
     read_results(folder)  # says what is wrong with the folder, if anything
     try:
@@ -411,8 +411,8 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: t
     harness-opt export results/lift_arm --to stl -o for_cad
     """
     from harness_opt.files.result_folder import add_file
+    from harness_opt.files.stored_results import read_results
     from harness_opt.pictures.export import export
-    from harness_opt.report.summary import read_results
 
     read_results(folder)  # says what is wrong with the folder, if anything
     try:

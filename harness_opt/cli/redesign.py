@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from harness_opt.cli.redesign_progress import Follower, interrupted
 from harness_opt.design import redesign as robust_loop
 from harness_opt.design.trade_off import quantities
+from harness_opt.errors import Status
+from harness_opt.files.result_folder import ASIDE, SUMMARY, read_summary
+from harness_opt.report.words import UNITS
 from harness_opt.studies.yields import with_yields
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
-    from harness_opt.design.nominal import Redesign
+    from harness_opt.design.result import Earlier, Redesign
+    from harness_opt.design.sqp import Step
     from harness_opt.model.problem import Problem
+
+FALLS = 4.0  # times that a step becomes smaller from one iteration to the next, for a guess at the time left
+VERIFYING = 4.0  # iterations' worth of time that the verification takes, about
+DONE = 1e-3  # of the bounds' ranges: steps end there
 
 
 def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | None = None) -> Redesign:
@@ -39,3 +49,81 @@ def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | No
     if result.robust is not None and result.status.ok:
         result = with_yields(result, progress=progress)
     return result
+
+
+class Follower:
+    """Tells of every iteration of a redesign: worst limit and its margin, step, time left.
+
+    Args:
+        tell: shows a line.
+        done: iterations of an earlier run that this one goes on from.
+    """
+
+    def __init__(self, tell: Callable[[str], None], done: int = 0):
+        self._tell, self._done, self._count = tell, done, 0
+        self._begin = time.monotonic()
+
+    def __call__(self, step: Step) -> None:
+        """Tell of ``step``."""
+        self._count += 1
+        each = (time.monotonic() - self._begin) / self._count
+        more = max(0.0, math.log(max(step.step, DONE) / DONE) / math.log(FALLS))
+        self._tell(f"{words(step, self._done + self._count)}, about {each * (more + VERIFYING):.0f} s left")
+
+
+def words(step: Step, number: int) -> str:
+    """Return an iteration in words, without the time.
+
+    Args:
+        step: the iteration.
+        number: of it, from 1.
+    """
+    kind = next((kind for kind in UNITS if step.limit.startswith(_label(kind))), None)
+    unit, scale = ("", 1.0) if kind is None else UNITS[kind][:2]
+    amount = step.amount * scale * (math.degrees(1.0) if kind == "twist_deg_per_m" else 1.0)
+    held = f"{amount:.3g} {unit} to spare" if amount >= 0 else f"short by {-amount:.3g} {unit}"
+    kept = "" if step.accepted else ", not kept"
+    return f"iteration {number} ({step.aim}): {step.limit} {held}, step {100 * step.step:.2g} % of the bounds{kept}"
+
+
+def _label(kind: str) -> str:
+    return kind.removesuffix("_deg_per_m").replace("_", " ")
+
+
+def interrupted(folder: Path, problem: Problem) -> Earlier | None:
+    """Return the redesign of the same problem file that was interrupted and left in ``folder``; None without one.
+
+    Beside a result that is whole it lies in a folder of its own, and counts while it is the later of the two.
+
+    Raises:
+        OSError: a summary that cannot be read.
+    """
+    aside = folder.with_name(folder.name + ASIDE)
+    places = [place / SUMMARY for place in (folder, aside) if (place / SUMMARY).is_file()]
+    if not places:
+        return None
+    found = read_summary(max(places, key=lambda file: file.stat().st_mtime_ns).parent)
+    try:
+        return _earlier(found, problem)
+    except (KeyError, TypeError, ValueError, AttributeError):  # somebody else's, or damaged: begun anew
+        return None
+
+
+def _earlier(found: dict[str, Any] | None, problem: Problem) -> Earlier | None:
+    """Return what the summary of an interrupted redesign of ``problem`` holds; None where it is of something else."""
+    from harness_opt.design.result import Earlier
+    from harness_opt.design.sqp import Step
+
+    parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
+    if (
+        found is None
+        or found.get("reason") not in parts
+        or found.get("problem", {}).get("sha256") != problem.sha256
+        or found.get("command") != "redesign"
+    ):
+        return None
+    variables = found["redesign"]["variables"]
+    values = {name: float(row["after"]) for name, row in variables.items() if row["after"] is not None}
+    if set(values) != {variable.name for variable in problem.design.variables}:
+        return None
+    return Earlier(values, tuple(Step(**step) for step in found["redesign"].get("history", ())))

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness_opt.cli.progress import Interrupts, Shown, progress_for
+from harness_opt.cli.interrupts import Interrupts
+from harness_opt.cli.progress import Shown, progress_for
 from harness_opt.errors import HarnessError, ProblemError, SolveError, Status
 
 if TYPE_CHECKING:
-    from harness_opt.clearance.measure import ClearanceResult
-    from harness_opt.design.nominal import Redesign
+    from harness_opt.clearance.pairs import ClearanceResult
+    from harness_opt.design.result import Redesign
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
     from harness_opt.parts.scene import Scene
@@ -86,8 +87,9 @@ def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) ->
     from harness_opt.files.read import read_problem
     from harness_opt.files.result_folder import check_target
     from harness_opt.model.plausibility import doubts
+    from harness_opt.model.problem import input_files
     from harness_opt.parts.scene import load_scene
-    from harness_opt.report.summary import input_files, timed
+    from harness_opt.report.summary import timed
 
     problem = read_problem(file, wanted.folders)
     folder = wanted.folder or Path("results") / file.stem
@@ -123,7 +125,8 @@ def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) ->
 
 def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[_Summary, Path | None]:
     """Write what was found; return its summary and the folder, or None where nothing was written."""
-    from harness_opt.report.summary import summary, write_results
+    from harness_opt.report.result_files import write_results
+    from harness_opt.report.summary import summary
 
     result, measured, command = found
     if interrupted:
@@ -196,8 +199,9 @@ def _measured(
     result: Motion | Redesign, scene: Scene, tolerance: float | None, stop: Callable[[], bool]
 ) -> tuple[Motion | Redesign, ClearanceResult | None]:
     """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
+    from harness_opt.clearance.measure import clearances
     from harness_opt.model.results import Motion
-    from harness_opt.report.summary import clearances, timed
+    from harness_opt.report.summary import timed
 
     if not isinstance(result, Motion):
         return result, None
@@ -213,7 +217,8 @@ def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _
     cost them.
     """
     from harness_opt.report.html_page import prepare, write_page
-    from harness_opt.report.summary import timed, write_results
+    from harness_opt.report.result_files import write_results
+    from harness_opt.report.summary import timed
 
     result, measured, command = found
     begin = time.perf_counter()

@@ -47,7 +47,7 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
         ProblemError: bad input, or a folder that cannot be written.
     """
     from harness_opt.design.key_derivatives import linear
-    from harness_opt.files.folders import check_own
+    from harness_opt.files.result_folder import check_own
     from harness_opt.parts.scene import load_scene
     from harness_opt.report.summary import as_json as as_strict_json
     from harness_opt.report.words import UNITS
@@ -65,7 +65,7 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
     name = tightest(found)
     effects = ranked(found, name, subject.tolerances)
     kind = name.partition(" of ")[0].replace(" ", "_")
-    unit, factor = UNITS["twist_deg_per_m" if kind == "twist" else kind]
+    unit, factor, _ = UNITS["twist_deg_per_m" if kind == "twist" else kind]
     heading = f"{name[0].upper()}{name[1:]}: margin {factor * worst_margin(found, name):.3g} {unit}"
     folder.mkdir(parents=True, exist_ok=True)
     write_bytes(folder / TABLE, _csv(found, subject.tolerances).encode())

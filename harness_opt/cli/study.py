@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness_opt.cli.progress import Interrupts, progress_for
+from harness_opt.cli.interrupts import Interrupts
+from harness_opt.cli.progress import progress_for
 from harness_opt.cli.run import EXIT, INTERRUPTED, UNSOLVED, Voice
 from harness_opt.errors import HarnessError, ProblemError
 
@@ -48,8 +49,8 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
         ProblemError: bad input, a folder that cannot be written, a scheduler that is not there.
     """
     begin = time.perf_counter()
-    from harness_opt.files.folders import check_own
     from harness_opt.files.quantities import quantities_of
+    from harness_opt.files.result_folder import check_own
     from harness_opt.studies.store import Store
     from harness_opt.studies.study import plan, run
     from harness_opt.studies.study_file import read_study

@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness_opt.clearance.limits import limit_label
-from harness_opt.clearance.measure import ClearanceResult, PairClearance, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult, PairClearance
+from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.design.curved_distance import Passing, second_order
 from harness_opt.design.margins import at_stations, linearised
@@ -313,14 +315,14 @@ def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -
 
     Everywhere else a clearance is smallest, and moving along the cable changes nothing. A length near a clamp that does
     not count is two limits and radii long, the least arc between points of one cable as in
-    :func:`~harness_opt.clearance.to_cable.least_gap`; the rates of shapes are at fixed s / L.
+    :func:`~harness_opt.clearance.what_counts.arc_apart`; the rates of shapes are at fixed s / L.
     """
     shapes = motion.cables[pair.cable]
     length, grown = _cable_rate(side, pair.cable, "length"), _cable_rate(side, pair.cable, "radius")
     whole, arc, other = float(shapes.s[-1]), found.arc_length, found.other_arc_length
     tangents = rotations.tangent(shapes.quaternion)[..., None]
     if pair.obstacle == f"cable:{pair.cable}":
-        gap = 0.5 * np.pi * (2.0 * motion.problem.cables[pair.cable].cable.radius + (pair.limit or 0.0))
+        gap = arc_apart(motion.problem.cables[pair.cable].cable.radius, pair.limit)
         along = -np.einsum("wc,wc->w", found.normal, at_stations(tangents, shapes.s, found.frame, other)[..., 0])
         return np.where(other - arc <= gap * (1 + AT), along * (np.pi * grown - gap / whole * length), 0.0)
     if pair.obstacle.startswith("cable:"):

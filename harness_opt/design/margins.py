@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.limits import limit_label
-from harness_opt.clearance.measure import ClearanceResult, PairClearance
-from harness_opt.clearance.to_cable import arc_apart
+from harness_opt.clearance.pairs import ClearanceResult, PairClearance
+from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion

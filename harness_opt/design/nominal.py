@@ -9,16 +9,17 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from harness_opt.clearance.limits import all_limits
-from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.design.objective import Goal, goal_of
 from harness_opt.design.prices import Price, prices
 from harness_opt.design.relaxations import Relaxation, relaxations
-from harness_opt.design.robustness import Robustness
+from harness_opt.design.result import Earlier, Redesign, VariableResult
 from harness_opt.design.search import Verified, verified
 from harness_opt.design.sqp import Step
 from harness_opt.design.trade_off import TradeOff, check_pair, trade_off
@@ -35,70 +36,6 @@ from harness_opt.parts.scene import load_scene
 
 Watch = Callable[[Step], None]
 AT_BOUND = 1e-6  # of a variable's range: this near to a bound it stands at it
-
-
-@dataclass(frozen=True)
-class VariableResult:
-    """One design variable before and after, with its bounds, in the unit of its key."""
-
-    before: float
-    after: float
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True)
-class Redesign:
-    """What a redesign found.
-
-    Args:
-        problem: the redesigned problem; ``harness_opt.write_problem`` writes it.
-        original: the problem it came from.
-        motion: of the redesigned problem, on twice the frames and twice the elements.
-        clearances: of that motion.
-        limits: rows of that motion; all margins are >= 0 where ``ok``.
-        limits_before: rows of the original design.
-        motion_before: of the original design.
-        variables: before and after, by name.
-        iterations: quadratic programs solved.
-        history: of the iterations.
-        active: what holds the design where it is: limits by name, and variables at a bound.
-        moved: what did not stand where the design may begin, by name: where it stood, and where it was moved to first.
-        relaxations: where no design holds all limits, what giving way in one of them or in one bound would do.
-        prices: where all hold, what those cost that hold the design where it is.
-        feasible: whether all limits hold.
-        status: OK, or why a design could not be simulated.
-        message: for the user; empty where all is well.
-        timing: seconds by phase.
-        trade_off: of the two quantities that were asked for; None where none were.
-        robust: how it fares within the tolerances of the problem; None where that states none.
-    """
-
-    problem: Problem
-    original: Problem
-    motion: Motion
-    clearances: ClearanceResult
-    limits: tuple[LimitResult, ...]
-    limits_before: tuple[LimitResult, ...]
-    motion_before: Motion
-    variables: Mapping[str, VariableResult]
-    iterations: int
-    history: tuple[Step, ...]
-    active: tuple[str, ...]
-    moved: Mapping[str, tuple[float, float]]
-    relaxations: tuple[Relaxation, ...]
-    prices: tuple[Price, ...]
-    feasible: bool
-    status: Status = Status.OK
-    message: str = ""
-    timing: Mapping[str, float] = field(default_factory=dict)
-    trade_off: TradeOff | None = None
-    robust: Robustness | None = None
-
-    @property
-    def ok(self) -> bool:
-        """True where every shape was found and every limit holds."""
-        return self.status.ok and self.feasible
 
 
 def check_design(problem: Problem) -> None:
@@ -126,19 +63,6 @@ def _active(trial: Trial, problem: Problem, goal: Goal) -> tuple[str, ...]:
         if abs(value - bound) < AT_BOUND * width
     ]
     return (*near, *at_bound)
-
-
-@dataclass(frozen=True)
-class Earlier:
-    """A redesign that was interrupted, to go on from.
-
-    Args:
-        values: of its best design, by name.
-        history: its iterations.
-    """
-
-    values: Mapping[str, float]
-    history: tuple[Step, ...] = ()
 
 
 class _Log:

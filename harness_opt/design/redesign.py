@@ -11,11 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from harness_opt.design import nominal as outer_loop
-from harness_opt.design.nominal import Earlier, Redesign, Watch
+from harness_opt.design.nominal import Watch
+from harness_opt.design.result import Earlier, Redesign
 from harness_opt.design.robustness import Robustness, Within, within
 from harness_opt.design.trial import GUARD
 from harness_opt.errors import ProblemError, SolveError, Status
-from harness_opt.model.problem import Problem, Robust
+from harness_opt.model.design import Robust
+from harness_opt.model.problem import Problem
 from harness_opt.motion.follower import Progress
 from harness_opt.parts.scene import Scene, load_scene
 

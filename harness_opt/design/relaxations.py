@@ -18,7 +18,8 @@ from harness_opt.design.search import SEARCH_STRIDE, verify
 from harness_opt.design.sqp import Note, descend
 from harness_opt.design.trial import HELD, Trial, Trials
 from harness_opt.model import design_variables
-from harness_opt.model.problem import Problem, Variable
+from harness_opt.model.design import Variable
+from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import solve
 
 CARRIES = 0.01  # of the violation: a limit or bound that carries less is not in the way

@@ -16,7 +16,8 @@ import numpy as np
 
 from harness_opt.design.key_derivatives import Linear, linear
 from harness_opt.files.quantities import quantities_of
-from harness_opt.model.problem import Problem, Robust
+from harness_opt.model.design import Robust
+from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.clearance.limits import all_limits, limit_label
-from harness_opt.clearance.measure import Between, ClearanceResult, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import Between, ClearanceResult
 from harness_opt.design.margins import scale_of
 from harness_opt.design.objective import Goal
 from harness_opt.design.sqp import Note, descend

@@ -20,7 +20,8 @@ from harness_opt.design.search import Verified, search, verified
 from harness_opt.design.sqp import Note
 from harness_opt.design.trial import Trial, Trials
 from harness_opt.errors import ProblemError
-from harness_opt.model.problem import Design, Problem
+from harness_opt.model.design import Design
+from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 
 LIMITS = ("clearance", "bend_radius", "twist", "clamp_force", "clamp_moment")

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.design.margins import Rows, linearised
 from harness_opt.errors import ProblemError, Status
 from harness_opt.model import design_variables

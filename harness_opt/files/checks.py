@@ -13,7 +13,7 @@ from typing import Any
 from harness_opt.files.places import MOST_MESH_BYTES, Places
 from harness_opt.files.schema import INVALID, MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
 from harness_opt.files.values import MESH_UNITS, KeyPath, Mistake, coupling, one_of, shown
-from harness_opt.model.problem import WORLD
+from harness_opt.model.bodies import WORLD
 
 Tree = Mapping[str, Any]
 

@@ -21,7 +21,9 @@ from harness_opt.files.values import KeyPath, dotted
 from harness_opt.files.write import problem_text
 from harness_opt.model import design_variables
 from harness_opt.model.bodies import Poses
-from harness_opt.model.problem import Design, MeshFile, Part, Problem, Variable
+from harness_opt.model.design import Design, Variable
+from harness_opt.model.parts import MeshFile, Part
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
 Tree = dict[str, Any]

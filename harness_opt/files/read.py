@@ -30,28 +30,11 @@ from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.values import Mistake, coupling, dotted, shown
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
-from harness_opt.model.bodies import BodyMotion, Hinge, Slide
-from harness_opt.model.problem import (
-    REACH_TOLERANCE,
-    WORLD,
-    Body,
-    Box,
-    Cable,
-    CableRun,
-    Capsule,
-    Coupling,
-    Cylinder,
-    Design,
-    End,
-    Limits,
-    MeshFile,
-    Part,
-    Problem,
-    Robust,
-    Shape,
-    Sphere,
-    Variable,
-)
+from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
+from harness_opt.model.cable import REACH_TOLERANCE, Cable, CableRun, End
+from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Shape, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]

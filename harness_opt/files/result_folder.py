@@ -151,3 +151,20 @@ def add_file(folder: Path, name: str) -> None:
         return
     content["files"] = sorted([*content.get("files", ()), name])
     write_whole(folder / SUMMARY, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+
+
+def check_own(folder: Path, mark: str) -> None:
+    """Raise ProblemError where ``folder`` holds something else than what the same command wrote before.
+
+    Args:
+        folder: to write into; it need not exist.
+        mark: name of a file that the command always writes.
+
+    Raises:
+        ProblemError: it is in use, no folder, or may not be written.
+    """
+    if (folder / mark).is_file():
+        return
+    check_target(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise ProblemError(f"{folder}: found the results of another command, expected a folder of this one, or none")

@@ -13,7 +13,6 @@ from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationEr
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from harness_opt.files.file_table import Table, TableKind
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
     Bending,
@@ -31,6 +30,8 @@ from harness_opt.files.values import (
     Quaternion,
     Share,
     Size,
+    Table,
+    TableKind,
     Text,
     Vector,
     Whole,

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from harness_opt.errors import HarnessError
+from harness_opt.errors import HarnessError, ProblemError
 from harness_opt.files.arrays import read_arrays
 from harness_opt.files.read import read_problem
-from harness_opt.files.result_folder import read_summary
-from harness_opt.model.results import Motion, Snap
+from harness_opt.files.result_folder import SUMMARY, read_summary
+from harness_opt.model.results import CableMotion, Motion, Snap
+from harness_opt.numerics.rotations import Array
 
 
 def read_motion(
@@ -58,3 +61,36 @@ def read_motion(
     motion = Motion(problem, values, cables, snaps=snaps)
     before = None if earlier is None or not earlier[1] else Motion(given, *earlier)
     return motion, before, worst
+
+
+@dataclass(frozen=True, eq=False)
+class StoredResult:
+    """A result folder, read back.
+
+    Args:
+        folder: absolute.
+        summary: what ``summary.json`` holds.
+        motion: (P,), 0 to 1, of the frames.
+        cables: the shapes, by name.
+    """
+
+    folder: Path
+    summary: Mapping[str, Any]
+    motion: Array
+    cables: Mapping[str, CableMotion]
+
+
+def read_results(folder: str | Path) -> StoredResult:
+    """Return the result that :func:`write_results` wrote to ``folder``.
+
+    Raises:
+        ProblemError: no folder, or no result of harness-opt in it.
+    """
+    place = Path(folder).resolve()
+    try:
+        content = read_summary(place)
+        if content is None:
+            raise ProblemError(f"{folder}: found no result of harness-opt, expected a folder with {SUMMARY}")
+        return StoredResult(place, content, *read_arrays(place / "motion.npz"))
+    except (OSError, ValueError) as error:
+        raise ProblemError(f"{folder}: found a damaged result ({error}), expected a whole one") from error

@@ -17,22 +17,11 @@ from harness_opt.errors import ProblemError
 from harness_opt.files.places import Places
 from harness_opt.files.poses_table import parse_poses, poses_text
 from harness_opt.files.tolerance_table import content_of
-from harness_opt.model.bodies import BodyMotion, Hinge, Poses, Slide
-from harness_opt.model.problem import (
-    Body,
-    Box,
-    Cable,
-    CableRun,
-    Capsule,
-    Cylinder,
-    End,
-    Limits,
-    MeshFile,
-    Part,
-    Problem,
-    Shape,
-    Sphere,
-)
+from harness_opt.model.bodies import Body, BodyMotion, Hinge, Poses, Slide
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.design import Limits
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Shape, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
 Rows = list[tuple[str, Any, str]]  # key, value (None leaves it out), unit for the comment

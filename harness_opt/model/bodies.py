@@ -186,3 +186,20 @@ class Poses:
 
 
 BodyMotion = Hinge | Slide | Poses
+
+
+WORLD = "world"
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body; without ``motion`` it stands still, its coordinates those of the world."""
+
+    motion: BodyMotion | None = None
+
+    def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
+        """Return positions (P, 3) and quaternions (P, 4) at ``motion`` (P,) from 0 to 1."""
+        if self.motion is not None:
+            return self.motion.poses(motion)
+        count = len(np.atleast_1d(motion))
+        return np.zeros((count, 3)), np.tile(rotations.IDENTITY, (count, 1))

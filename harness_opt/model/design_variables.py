@@ -10,7 +10,9 @@ from typing import Literal
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.model.problem import End, Problem, Variable
+from harness_opt.model.cable import End
+from harness_opt.model.design import Variable
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 

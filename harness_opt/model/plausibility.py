@@ -11,7 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from harness_opt.model.bodies import Hinge, Slide
-from harness_opt.model.problem import Box, Cable, Capsule, Cylinder, MeshFile, Part, Problem, Sphere
+from harness_opt.model.cable import Cable
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
+from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 
 THINNEST = 5e-5  # m, a thin human hair

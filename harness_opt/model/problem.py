@@ -6,319 +6,20 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.errors import ProblemError
 from harness_opt.model import checks
-from harness_opt.model.bodies import BodyMotion, Rates
-from harness_opt.model.checks import Quaternion, Vector
-from harness_opt.model.tolerances import Tolerance
-from harness_opt.numerics import rotations
+from harness_opt.model.bodies import WORLD, Body, Poses, Rates
+from harness_opt.model.cable import CableRun, End
+from harness_opt.model.checks import Vector
+from harness_opt.model.design import Design, Limits, Robust
+from harness_opt.model.parts import MeshFile, Part
 from harness_opt.numerics.rotations import Array
-
-WORLD = "world"
-REACH_TOLERANCE = 1e-9  # share of the length by which rounding may set a straight cable's clamps further apart
-
-
-@dataclass(frozen=True)
-class Cable:
-    """A homogeneous, inextensible, unshearable, linearly elastic cable (assumptions of section 2 of the paper).
-
-    Args:
-        length: m.
-        diameter: outer diameter, m.
-        bending_stiffness: N m2; one number, or (kx, ky) about d1 and d2 for a flat section.
-        torsional_stiffness: kz, N m2.
-        mass_per_length: kg/m.
-        rest_curvature: Darboux vector of the unloaded cable in the section frame, 1/m.
-
-    Raises:
-        ProblemError: a length, diameter or stiffness that is not a finite positive number.
-    """
-
-    length: float
-    diameter: float
-    bending_stiffness: float | tuple[float, float]
-    torsional_stiffness: float
-    mass_per_length: float = 0.0
-    rest_curvature: Vector = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        for name in ("length", "diameter", "torsional_stiffness"):
-            object.__setattr__(self, name, checks.positive(name, getattr(self, name)))
-        object.__setattr__(self, "mass_per_length", checks.positive("mass_per_length", self.mass_per_length, zero=True))
-        if np.ndim(self.bending_stiffness) == 0:
-            bending = checks.positive("bending_stiffness", self.bending_stiffness)  # type: ignore[arg-type]
-        else:
-            bending = checks.numbers("bending_stiffness", self.bending_stiffness, 2)  # type: ignore[assignment]
-            for value in bending:  # type: ignore[attr-defined]
-                checks.positive("bending_stiffness", value)
-        object.__setattr__(self, "bending_stiffness", bending)
-        object.__setattr__(self, "rest_curvature", checks.numbers("rest_curvature", self.rest_curvature, 3))
-
-    @property
-    def stiffness(self) -> Array:
-        """(kx, ky, kz), N m2."""
-        bending = self.bending_stiffness
-        kx, ky = bending if isinstance(bending, tuple) else (bending, bending)
-        return np.array([kx, ky, self.torsional_stiffness])
-
-    @property
-    def radius(self) -> float:
-        """Half the diameter, m."""
-        return 0.5 * self.diameter
-
-
-@dataclass(frozen=True)
-class End:
-    """What holds one end of a cable: ``position`` or ``force``, and ``quaternion`` or ``moment``.
-
-    Args:
-        position: of the centreline's end in the coordinates of ``body``, m.
-        quaternion: section frame in the coordinates of ``body``; d3 points along growing arc length at both ends.
-        force: dead load that the surroundings apply to the cable at this end, world, N.
-        moment: the same for the moment, N m.
-        turns: whole turns of twist added, at the end of the cable, to the smallest twist that joins the two clamps.
-        body: name of the body that carries the clamp.
-
-    A quantity that is given as neither is free: no force, or no moment.
-
-    Raises:
-        ProblemError: position and force together, quaternion and moment together, numbers that are not finite,
-            a quaternion that is not a unit quaternion, turns that are not whole.
-    """
-
-    position: Vector | None = None
-    quaternion: Quaternion | None = None
-    force: Vector | None = None
-    moment: Vector | None = None
-    turns: int = 0
-    body: str = WORLD
-
-    def __post_init__(self) -> None:
-        for given, load in (("position", "force"), ("quaternion", "moment")):
-            if getattr(self, given) is not None and getattr(self, load) is not None:
-                raise ProblemError(f"{load}: an end takes {given} or {load}, found both")
-        for name in ("position", "force", "moment"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, checks.numbers(name, getattr(self, name), 3))
-        if self.quaternion is not None:
-            object.__setattr__(self, "quaternion", checks.quaternion("quaternion", self.quaternion))
-        whole = isinstance(self.turns, (int, float)) and not isinstance(self.turns, bool)
-        if not whole or not math.isfinite(self.turns) or self.turns != int(self.turns):
-            raise ProblemError(f"turns: found {self.turns!r}, expected a whole number")
-        object.__setattr__(self, "turns", int(self.turns))
-
-    def placed(self, position: ArrayLike, quaternion: ArrayLike) -> End:
-        """Return this end in world coordinates, its body standing at ``position`` (3,) and ``quaternion`` (4,)."""
-        moved: dict[str, object] = {"body": WORLD}
-        if self.position is not None:
-            moved["position"] = tuple(np.asarray(position) + rotations.rotate(quaternion, self.position))
-        if self.quaternion is not None:
-            moved["quaternion"] = tuple(rotations.multiply(quaternion, self.quaternion))
-        return dataclasses.replace(self, **moved)  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True)
-class CableRun:
-    """A cable with what holds its two ends.
-
-    Args:
-        cable: the cable.
-        start, end: what holds it at arc length 0 and at its full length.
-        bow: world direction to which the cable bows between its ends in the starting shape; None leaves it to
-            gravity, or to the clamps.
-    """
-
-    cable: Cable
-    start: End
-    end: End
-    bow: Vector | None = None
-
-    def __post_init__(self) -> None:
-        if self.bow is not None:
-            object.__setattr__(self, "bow", checks.direction("bow", self.bow))
-        if self.start.position is None and self.end.position is None:
-            raise ProblemError("end.position: neither end has a position, so the cable would fly away")
-
-
-@dataclass(frozen=True)
-class Body:
-    """A rigid body; without ``motion`` it stands still, its coordinates those of the world."""
-
-    motion: BodyMotion | None = None
-
-    def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
-        """Return positions (P, 3) and quaternions (P, 4) at ``motion`` (P,) from 0 to 1."""
-        if self.motion is not None:
-            return self.motion.poses(motion)
-        count = len(np.atleast_1d(motion))
-        return np.zeros((count, 3)), np.tile(rotations.IDENTITY, (count, 1))
-
-
-@dataclass(frozen=True)
-class MeshFile:
-    """A triangle mesh on disk.
-
-    Args:
-        path: absolute path of the file.
-        unit: of its coordinates: "m", "cm", "mm", "in"; None where the format carries its own (GLB: metres).
-        shell: whether a surface that is not closed will do: it has no inside, so a cable there goes unnoticed.
-    """
-
-    path: Path
-    unit: str | None = None
-    shell: bool = False
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box centred on its origin; ``size`` is its full extent, m."""
-
-    size: Vector
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """A ball centred on its origin; m."""
-
-    radius: float
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A cylinder along z, centred on its origin; ``length`` is its full height, m."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """A cylinder along z with half balls on both ends; ``length`` is that of the cylinder alone, m."""
-
-    radius: float
-    length: float
-
-
-Shape = MeshFile | Box | Sphere | Cylinder | Capsule
-
-
-@dataclass(frozen=True)
-class Part:
-    """A solid to stay clear of.
-
-    Args:
-        shape: mesh file or primitive.
-        body: name of the body it belongs to.
-        position, quaternion: pose of the shape in the coordinates of the body.
-        clearance: this part's own limit, m, or None for the general one.
-    """
-
-    shape: Shape
-    body: str = WORLD
-    position: Vector = (0.0, 0.0, 0.0)
-    quaternion: Quaternion = rotations.IDENTITY
-    clearance: float | None = None
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What must hold at every moment; None leaves a limit out.
-
-    Args:
-        clearance: between the cable's surface and parts, other cables, itself, m.
-        bend_radius: smallest radius of the centreline, m.
-        twist: largest twist per length, rad/m.
-        clamp_force: N.
-        clamp_moment: N m.
-    """
-
-    clearance: float | None = None
-    bend_radius: float | None = None
-    twist: float | None = None
-    clamp_force: float | None = None
-    clamp_moment: float | None = None
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A design variable with its bounds, absolute, in the unit of its key (m, or degrees for ``rotate_*_deg``).
-
-    ``name`` is ``CABLE.length``, ``CABLE.start.position.x`` or ``CABLE.end.rotate_z_deg`` and the like.
-    """
-
-    name: str
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True)
-class Coupling:
-    """A quantity that follows a design variable: ``factor`` times its value plus ``offset``.
-
-    ``name`` and ``leader`` are names as those of variables; values are absolute, in the units of their keys.
-    """
-
-    name: str
-    leader: str
-    factor: float = 1.0
-    offset: float = 0.0
-
-    @property
-    def words(self) -> str:
-        """As a problem file has it, behind an equals sign."""
-        factor = "" if self.factor == 1.0 else f"{float(self.factor)!r} * "
-        offset = f" {'-' if self.offset < 0 else '+'} {abs(float(self.offset))!r}" if self.offset else ""
-        return f"{factor}{self.leader}{offset}"
-
-
-@dataclass(frozen=True)
-class Design:
-    """What a redesign may change and what it prefers.
-
-    Args:
-        minimise: "change" (least change from the given design) or "length" (of all cables together).
-        variables: the design variables.
-        couplings: quantities that follow them.
-        weights: of the change of a variable, by name, 1 where left out; 0 changes it for nothing.
-        maximise: "margin" asks for the largest worst margin instead, each as a share of its limit; None does not.
-        snaps: whether the cables may snap on the way.
-    """
-
-    minimise: Literal["change", "length"] = "change"
-    variables: tuple[Variable, ...] = ()
-    couplings: tuple[Coupling, ...] = ()
-    weights: Mapping[str, float] = field(default_factory=dict)
-    maximise: Literal["margin"] | None = None
-    snaps: bool = False
-
-
-@dataclass(frozen=True)
-class Robust:
-    """What a redesign holds its limits against, beside the nominal design.
-
-    Args:
-        tolerances: by key of the problem file.
-        hold: "quantile": all limits hold for ``share`` of what is built; "corners": at every corner of the tolerances.
-        share: between 0 and 1.
-        samples: of the Monte Carlo study that verifies it; 0 leaves it out.
-        seed: of these samples.
-    """
-
-    tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
-    hold: Literal["quantile", "corners"] = "quantile"
-    share: float = 0.99
-    samples: int = 500
-    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -345,8 +46,8 @@ class Problem:
     bodies: Mapping[str, Body] = field(default_factory=dict)
     parts: Mapping[str, Part] = field(default_factory=dict)
     gravity: Vector = (0.0, 0.0, 0.0)
-    limits: Limits = Limits()
-    design: Design = Design()
+    limits: Limits = field(default_factory=Limits)
+    design: Design = field(default_factory=Design)
     robust: Robust | None = None
     duration: float = 1.0
     out_and_back: bool = False
@@ -400,3 +101,28 @@ class Problem:
         """Return the limit that holds for ``part``, m: its own, or the general one."""
         own = self.parts[part].clearance
         return self.limits.clearance if own is None else own
+
+
+def input_files(problem: Problem) -> list[Path]:
+    """Return the files that ``problem`` was read from and still needs."""
+    files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
+    files += [
+        body.motion.file for body in problem.bodies.values() if isinstance(body.motion, Poses) and body.motion.file
+    ]
+    return [*files, problem.file] if problem.file else files
+
+
+def left_out(problem: Problem) -> tuple[str, ...]:
+    """Return the words for what this scene did not need."""
+    words = []
+    if not any(problem.gravity) or not any(run.cable.mass_per_length for run in problem.cables.values()):
+        words.append("weight")
+    if not problem.parts:
+        words.append("parts")
+    if problem.limits.clearance is None:
+        words.append("clearance of cables to each other and to themselves")
+    if len(problem.cables) == 1:
+        words.append("other cables")
+    if not problem.moves:
+        words.append("motion")
+    return tuple(words)

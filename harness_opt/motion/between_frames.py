@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from harness_opt.model.problem import End, Problem
+from harness_opt.model.cable import End
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.frames import Frames, batch
 from harness_opt.motion.sweep import TOLERANCE, accurate, start_positions

@@ -12,16 +12,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.problem import End, Problem
+from harness_opt.model.cable import End
+from harness_opt.model.problem import Problem
 from harness_opt.motion.common_mesh import lightened, moved_to
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.stability import doubt, doubtful, stability, surely_stable
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start, is_stable, let_go
+from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.continuation import follow, step, turning
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
+from harness_opt.statics.release import is_stable, let_go
 from harness_opt.statics.solve import Solved, error_estimate, error_from_defects, resample, solve_on
 
 SAME_ENERGY = 1e-6  # relative difference below which two shapes of one pose are of one neutral family

@@ -82,19 +82,3 @@ def given_frames(frames: ArrayLike, spatial_step: float | None) -> Array:
     if not (increasing and motion[0] >= 0.0 and motion[-1] <= 1.0):
         raise ProblemError(f"frames: found {frames!r}, expected increasing numbers from 0 to 1")
     return motion
-
-
-def left_out(problem: Problem) -> tuple[str, ...]:
-    """Return the words for what this scene did not need."""
-    words = []
-    if not any(problem.gravity) or not any(run.cable.mass_per_length for run in problem.cables.values()):
-        words.append("weight")
-    if not problem.parts:
-        words.append("parts")
-    if problem.limits.clearance is None:
-        words.append("clearance of cables to each other and to themselves")
-    if len(problem.cables) == 1:
-        words.append("other cables")
-    if not problem.moves:
-        words.append("motion")
-    return tuple(words)

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError, SolveError, Status
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Problem, left_out
 from harness_opt.model.results import Followed, Motion, Snap
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.paper_sweep import sweep_by_quadrature
-from harness_opt.motion.path import given_frames, left_out, place_frames
+from harness_opt.motion.path import given_frames, place_frames
 from harness_opt.motion.sweep import TOLERANCE, followed, sweep
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread

@@ -12,7 +12,8 @@ from typing import Literal
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.problem import End, Problem
+from harness_opt.model.cable import End
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import Follower, Progress
@@ -22,8 +23,9 @@ from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
+from harness_opt.statics.corrections import settled
 from harness_opt.statics.mesh import finer_mesh
-from harness_opt.statics.solve import Solved, resample, settled, solve_on
+from harness_opt.statics.solve import Solved, resample, solve_on
 
 Rigour = Literal["full", "stable", "look"]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.places import MOST_MESH_BYTES
-from harness_opt.model.problem import MeshFile
+from harness_opt.model.parts import MeshFile
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 from harness_opt.parts.mesh_headers import Refused, beside, is_text, refuse_faces

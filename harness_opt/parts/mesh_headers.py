@@ -22,8 +22,6 @@ STL_HEAD, STL_FACE = 84, 50  # bytes of a binary STL file: its head, which ends 
 PLY_HEAD = 64 * 1024  # bytes in which the header of a PLY file must end
 GLB_HEAD = 20  # bytes of a GLB file before its JSON: magic, version, length, and the length and kind of the chunk
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}  # glTF 2.0, 3.6.2.1
-
-
 MESH = "a triangle mesh"
 
 

@@ -12,13 +12,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harness_opt.errors import ProblemError
+from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import part_doubts
-from harness_opt.model.problem import MeshFile, Part, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
-from harness_opt.parts.geometry import Geometry, Primitive
+from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.mesh import Mesh
 from harness_opt.parts.mesh_file import read_mesh
 from harness_opt.parts.mesh_headers import MOST_FACES
+from harness_opt.parts.primitives import Primitive
 
 __all__ = ["Geometry", "Mesh", "Primitive", "Scene", "load_scene"]
 

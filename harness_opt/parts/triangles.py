@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness_opt.model.problem import Box, Capsule, Cylinder
+from harness_opt.model.parts import Box, Capsule, Cylinder
 from harness_opt.numerics.rotations import Array, matrix
 from harness_opt.numerics.vectors import Indices
-from harness_opt.parts.geometry import Primitive
+from harness_opt.parts.primitives import Primitive
 from harness_opt.parts.scene import Geometry, Mesh
 
 GRID = 65_535  # steps along the longest side of a part's box: vertices are 16-bit numbers

@@ -12,8 +12,9 @@ import numpy as np
 
 from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.centreline import Curve
-from harness_opt.clearance.measure import ClearanceResult, measure
-from harness_opt.model.problem import Box, Capsule, Cylinder
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.model.parts import Box, Capsule, Cylinder
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array

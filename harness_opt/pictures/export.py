@@ -13,7 +13,8 @@ import numpy as np
 
 from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.limits import STRAIGHT, bending
-from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.errors import HarnessError
 from harness_opt.files.stored_results import read_motion
 from harness_opt.files.whole_folder import filling

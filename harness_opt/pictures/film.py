@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness_opt.clearance.limits import all_limits, most_urgent
-from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.errors import HarnessError
 from harness_opt.model.results import Motion
 from harness_opt.parts.scene import load_scene
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from harness_opt.design.nominal import Redesign
+    from harness_opt.design.result import Redesign
     from harness_opt.model.results import LimitResult
     from harness_opt.numerics.rotations import Array
     from harness_opt.parts.scene import Scene

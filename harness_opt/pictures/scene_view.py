@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness_opt.clearance.measure import PairClearance
+from harness_opt.clearance.pairs import PairClearance
 from harness_opt.model.results import Motion
 from harness_opt.parts.scene import Scene
 from harness_opt.pictures.drawing import (

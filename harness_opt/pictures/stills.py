@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness_opt.clearance.limits import all_limits, most_urgent
-from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -48,7 +49,7 @@ from harness_opt.pictures.window import show
 if TYPE_CHECKING:
     import pyvista as pv
 
-    from harness_opt.design.nominal import Redesign
+    from harness_opt.design.result import Redesign
 
 __all__ = ["View", "show", "still", "worst_view", "write_pictures"]
 

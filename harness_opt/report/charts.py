@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.clearance.limits import STRAIGHT, bending
-from harness_opt.clearance.measure import ClearanceResult
-from harness_opt.model.problem import Limits
+from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.model.design import Limits
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices

@@ -10,7 +10,7 @@ import numpy as np
 
 from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.limits import bending
-from harness_opt.clearance.measure import ClearanceResult
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 

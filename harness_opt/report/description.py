@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from harness_opt.model.bodies import Hinge, Slide
+from harness_opt.model.bodies import WORLD, Body, Hinge, Slide
+from harness_opt.model.cable import CableRun, End
+from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import WORLD, Body, CableRun, End, MeshFile, Part, Problem
-from harness_opt.motion.path import left_out, place_frames
+from harness_opt.model.problem import Problem, left_out
+from harness_opt.motion.path import place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Geometry, Mesh, Scene

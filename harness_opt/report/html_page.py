@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness_opt.clearance.limits import all_limits, bending, most_urgent
-from harness_opt.clearance.measure import ClearanceResult, measure
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.results import Motion
@@ -31,7 +32,7 @@ from harness_opt.report.scene_data import part_data, scene_data, view_data
 from harness_opt.report.summary import summary as summarise
 
 if TYPE_CHECKING:
-    from harness_opt.design.nominal import Redesign
+    from harness_opt.design.result import Redesign
 
 Json = dict[str, Any]
 

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from harness_opt.clearance.measure import ClearanceResult
+from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
-from harness_opt.report import redesign_words as words
 from harness_opt.report import words as tables
 from harness_opt.report.data_sheet import DataSheet, Ranging
 
@@ -74,7 +73,7 @@ def limit_rows(rows: Sequence[Mapping[str, Any]]) -> list[Json]:
 
 def _certainty(row: Mapping[str, Any]) -> str:
     """Return how sure the worst value of a row is between the points that were looked at."""
-    unit, scale = tables.UNITS[row["name"]]
+    unit, scale, _ = tables.UNITS[row["name"]]
     tolerance = "-" if row["tolerance"] is None else f"{row['tolerance'] * scale:.2g} {unit}"
     if row["certified"]:
         return f"certain, to {tolerance}"
@@ -101,7 +100,7 @@ def live_rows(
     }
     found = []
     for row in rows:
-        unit, scale = tables.UNITS[row["name"]]
+        unit, scale, _ = tables.UNITS[row["name"]]
         if row["name"] == "clearance":
             pairs = [p for p in measured.pairs if (p.cable, p.obstacle) == (row["cable"], row["part"])]
             values = 1e3 * pairs[0].clearance
@@ -151,7 +150,7 @@ def redesign_words(summary: Mapping[str, Any]) -> Iterator[str]:
     yield f"Found in {found['iterations']} steps; then simulated anew on twice the frames and twice the elements."
     if found["active"]:
         yield f"What holds the design where it is: {'; '.join(found['active'])}."
-    yield from words.redesign_words(summary)
+    yield from tables.redesign_words(summary)
 
 
 def before_after(summary: Mapping[str, Any]) -> list[Json]:

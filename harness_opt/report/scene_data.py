@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.limits import bending
-from harness_opt.clearance.measure import ClearanceResult, PairClearance
+from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.model.results import Motion
 from harness_opt.numerics.vectors import Indices
 from harness_opt.parts.scene import Scene

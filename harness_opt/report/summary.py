@@ -8,72 +8,37 @@ import json
 import math
 import platform
 import sys
-import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harness_opt.clearance.limits import cable_limits, held
-from harness_opt.clearance.measure import Between, ClearanceResult, Options, PairClearance, measure
-from harness_opt.errors import ProblemError
-from harness_opt.files.arrays import read_arrays, write_arrays
-from harness_opt.files.read import write_problem
-from harness_opt.files.result_folder import SUMMARY, read_summary, replacing
-from harness_opt.model import checks
-from harness_opt.model.bodies import Poses
+from harness_opt.clearance.measure import clearances
+from harness_opt.clearance.pairs import ClearanceResult, PairClearance
+from harness_opt.files.result_folder import SUMMARY
+from harness_opt.model import design_variables
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import MeshFile, Problem
-from harness_opt.model.results import CableMotion, LimitResult, Motion
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import LimitResult, Motion
 from harness_opt.numerics.rotations import Array
-from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.report.data_sheet import DataSheet, data_sheets
-from harness_opt.report.redesign_summary import FILE_WORDS, redesign_summary
 
 if TYPE_CHECKING:
-    from harness_opt.design.nominal import Redesign
+    from harness_opt.design.prices import Price
+    from harness_opt.design.relaxations import Relaxation
+    from harness_opt.design.result import Redesign
+
+if TYPE_CHECKING:
+    from harness_opt.design.result import Redesign
 
 Json = dict[str, Any]
-Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
-Page = Callable[[Json, Path], str]  # writes a report of a summary into a folder
+LimitWords = Callable[[LimitResult], Json]
+FILE_WORDS = {"twist": ("twist_deg_per_m", math.degrees(1.0))}  # name and unit in the file of what is in rad here
 
 SCHEMA = 1  # of the summary
 PACKAGES = ("numpy", "scipy", "casadi", "trimesh", "coal", "pyvista")  # whose versions can matter
 PHASES = ("load", "solve", "clearance", "pictures")
-
-
-def clearances(
-    motion: Motion,
-    scene: Scene | None = None,
-    *,
-    tolerance: float | None = None,
-    stop: Callable[[], bool] | None = None,
-) -> ClearanceResult:
-    """Return the clearances of a motion: all cables to all parts and, where a limit asks for it, to cables.
-
-    Where there is a limit, frames are solved between those of the motion until the smallest clearance of the whole
-    motion is certain; they are not added to it.
-
-    Args:
-        motion: simulated; what was solved of it is measured.
-        scene: the parts as geometry; None loads them.
-        tolerance: to which the smallest clearances are wanted, m; None takes 1 % of the cable's diameter.
-        stop: asked while the motion is searched between its frames; once True, the rest is left uncertain.
-
-    Raises:
-        ProblemError: a mesh that cannot be used; a tolerance that is not above 0.
-    """
-    if tolerance is not None:
-        checks.positive("tolerance", tolerance)
-    if not motion.cables:
-        return ClearanceResult(motion.motion, ())
-    from harness_opt.motion.between_frames import BetweenFrames
-
-    scene = load_scene(motion.problem) if scene is None else scene
-    between = Between(BetweenFrames(motion), motion.snaps)
-    return measure(motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop), between)
 
 
 # --- the summary ---------------------------------------------------------------------------------------
@@ -245,102 +210,58 @@ def as_json(content: Json) -> str:
     return json.dumps(_strict(content), indent=2, allow_nan=False)
 
 
-# --- the result folder ---------------------------------------------------------------------------------
+# --- of a redesign --------------------------------------------------------------------------------------
 
 
-def write_results(
-    result: Motion | Redesign,
-    folder: str | Path,
-    *,
-    measured: ClearanceResult | None = None,
-    command: str | None = None,
-    pictures: Pictures | None = None,
-    page: Page | None = None,
-) -> Json:
-    """Write the result folder, complete or not at all, and return its summary.
-
-    It holds ``summary.json`` and ``motion.npz``; for a redesign also ``redesigned.toml`` and ``before.npz``,
-    the motion of the design given. An earlier result of harness-opt in the same place is replaced.
+def redesign_summary(result: Motion | Redesign, limit_words: LimitWords) -> Json:
+    """Return the part of a summary that is about the redesign.
 
     Args:
-        result: of a simulation or a redesign.
-        folder: to write; its parents are made.
-        measured, command: as in :func:`summary`.
-        pictures: draws a result into a folder and returns the names of the files; None draws none.
-        page: writes a report of the summary into a folder and returns the name of its file; None writes none.
-
-    Raises:
-        ProblemError: ``folder`` holds something else, or cannot be written; a mesh that cannot be used.
+        result: a redesign, or the motion of the design given where that could not be simulated.
+        limit_words: a limit's row as the summary has it.
     """
-    if isinstance(result, Motion) and measured is None:
-        measured = clearances(result)
-    with replacing(Path(folder), input_files(_asked(result))) as aside:
-        if isinstance(result, Motion):
-            _write_arrays(aside / "motion.npz", result)
-        else:
-            _write_arrays(aside / "motion.npz", result.motion)
-            _write_arrays(aside / "before.npz", result.motion_before)
-            write_problem(result.problem, aside / "redesigned.toml")
-            if result.trade_off is not None:
-                from harness_opt.report.trade_off_files import write_trade_off
+    from harness_opt.report.trade_off_files import trade_off_summary  # a simulation needs none of the rooms behind it
 
-                write_trade_off(result.trade_off, aside)
-        if pictures is not None:
-            begin = time.perf_counter()
-            pictures(result, aside)
-            result = timed(result, pictures=time.perf_counter() - begin)
-        files = [entry.name for entry in aside.iterdir()]
-        content = summary(result, measured, command=command, files=files)
-        if page is not None:
-            content["files"] = sorted([*content["files"], page(content, aside)])
-        (aside / SUMMARY).write_text(as_json(content) + "\n", encoding="utf-8")
-    return content
-
-
-def input_files(problem: Problem) -> list[Path]:
-    """Return the files that ``problem`` was read from and still needs."""
-    files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
-    files += [
-        body.motion.file for body in problem.bodies.values() if isinstance(body.motion, Poses) and body.motion.file
-    ]
-    return [*files, problem.file] if problem.file else files
+    if isinstance(result, Motion):  # no other design was looked for
+        problem = result.problem
+        given = zip(problem.design.variables, design_variables.values(problem), strict=True)
+        bounds = {v.name: (float(at), None, v.lower, v.upper) for v, at in given}
+        return {
+            "variables": {
+                name: dict(zip(("before", "after", "lower", "upper"), values, strict=True))
+                for name, values in bounds.items()
+            },
+            "iterations": 0,
+            "limits_before": [],
+            "active": [],
+        }
+    design = result.original.design
+    return {
+        "variables": {name: dataclasses.asdict(found) for name, found in result.variables.items()},
+        "goal": design.maximise or design.minimise,
+        "coupled": {coupling.name: coupling.words for coupling in design.couplings},
+        "moved_inside": {name: {"from": a, "to": b} for name, (a, b) in result.moved.items()},
+        "iterations": result.iterations,
+        "limits_before": [limit_words(row) for row in result.limits_before],
+        "active": list(result.active),
+        "in_the_way": [_relaxation(found) for found in result.relaxations],
+        "costs": [_price(found) for found in result.prices],
+        "history": [dataclasses.asdict(step) for step in result.history],
+        **({} if result.robust is None else {"robust": dataclasses.asdict(result.robust)}),
+        **({} if result.trade_off is None else {"pareto": trade_off_summary(result.trade_off)}),
+    }
 
 
-def _write_arrays(file: Path, motion: Motion) -> None:
-    try:
-        write_arrays(file, motion.motion, motion.cables)
-    except ValueError as error:
-        raise ProblemError(f"{file.name}: found {error}, expected none: nothing was written") from error
+def _relaxation(found: Relaxation) -> Json:
+    name, unit = FILE_WORDS.get(found.kind, (found.kind, 1.0))
+    entry = dataclasses.asdict(found) | {"kind": name, "key": found.key.replace(f".{found.kind}", f".{name}")}
+    for value in ("value", "estimate", "enough"):
+        entry[value] = None if entry[value] is None else unit * entry[value]
+    return entry
 
 
-@dataclass(frozen=True, eq=False)
-class StoredResult:
-    """A result folder, read back.
-
-    Args:
-        folder: absolute.
-        summary: as :func:`summary` gave it.
-        motion: (P,), 0 to 1, of the frames.
-        cables: the shapes, by name.
-    """
-
-    folder: Path
-    summary: Json
-    motion: Array
-    cables: Mapping[str, CableMotion]
-
-
-def read_results(folder: str | Path) -> StoredResult:
-    """Return the result that :func:`write_results` wrote to ``folder``.
-
-    Raises:
-        ProblemError: no folder, or no result of harness-opt in it.
-    """
-    place = Path(folder).resolve()
-    try:
-        content = read_summary(place)
-        if content is None:
-            raise ProblemError(f"{folder}: found no result of harness-opt, expected a folder with {SUMMARY}")
-        return StoredResult(place, content, *read_arrays(place / "motion.npz"))
-    except (OSError, ValueError) as error:
-        raise ProblemError(f"{folder}: found a damaged result ({error}), expected a whole one") from error
+def _price(found: Price) -> Json:
+    name, unit = FILE_WORDS.get(found.kind, (found.kind, 1.0))
+    entry = dataclasses.asdict(found) | {"kind": name, "key": found.key.replace(f".{found.kind}", f".{name}")}
+    buys = {variable: unit * float(rate) for variable, rate in found.buys.items()}
+    return entry | {"value": unit * found.value, "saves": found.saves / unit, "buys": buys}

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.model.problem import REACH_TOLERANCE, Cable, End
+from harness_opt.model.cable import REACH_TOLERANCE, Cable, End
 from harness_opt.numerics.rotations import IDENTITY, Array
 from harness_opt.rod import equations as rod
 from harness_opt.rod.equations import Section, Units

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from harness_opt.model.problem import Cable
+from harness_opt.model.cable import Cable
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from harness_opt.numerics.linear import symmetric
 from harness_opt.numerics.rotations import Array
-from harness_opt.numerics.symmetric import symmetric
 from harness_opt.rod.element_pattern import pattern
 from harness_opt.rod.second_variation import SecondVariation
 

@@ -15,72 +15,16 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
-from harness_opt.rod.stability import doubtful, lowest_mode, stability
-from harness_opt.rod.states import Rod
 from harness_opt.statics.curls import curled
-from harness_opt.statics.first_guess import EASY, curve, loose, signed
 from harness_opt.statics.from_rest import solve_resting
-from harness_opt.statics.mesh import divided, refine
-from harness_opt.statics.rest import COILED, QUICK, TWISTED, WORK, Resting, sink, softened, stiffen, tighten
-from harness_opt.statics.solve import STAGES, Solved, error_estimate, solve_on
+from harness_opt.statics.march import softened, stiffen, tighten
+from harness_opt.statics.release import stabilised
+from harness_opt.statics.rest import COILED, QUICK, TWISTED, WORK, Resting, sink
+from harness_opt.statics.solve import STAGES, Solved, solve_on
+from harness_opt.statics.starting_curve import EASY, curve, loose, signed
 
-NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost
-PLACES = 8  # an element, at which a lost shape is looked at
 SAME = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
-JUDGED = 1e-8  # estimated error, in L, of a shape whose stability is hard to tell
 STRAIGHT = 1e-8  # slack below which a cable is taken for straight
-
-
-def let_go(case: Case, rod: Rod, solver: str, *, gently: bool = True) -> Solved | None:
-    """Let the cable go from ``rod`` to a stable shape nearby of less energy; None where none is found.
-
-    ``case`` may differ from what ``rod`` was solved for: after a fold the old shape does not exist any more. The
-    shape is nudged along its weakest direction, and sinks from there.
-
-    Args:
-        case: what holds the cable now.
-        rod: its last shape.
-        solver: name.
-        gently: in short steps, as a real cable does.
-    """
-    direction = lowest_mode(rod, case.boundary.kind)
-    for nudge in NUDGES:
-        for sign in (1.0, -1.0):
-            landed = _descend(case, rod, sign * nudge * direction, solver, gently)
-            if landed is not None and is_stable(landed, solver):
-                return landed
-    return None
-
-
-def _descend(case: Case, rod: Rod, field: Array, solver: str, gently: bool) -> Solved | None:
-    """Sink from ``rod`` turned by ``field`` (n + 1, 3), in its section frames at the nodes, rad; None if in vain."""
-    s = divided(rod.mesh, PLACES * (len(rod.mesh) - 1))
-    turned = np.stack([np.interp(s, rod.mesh, column) for column in field.T], axis=1)
-    q = rotations.multiply(rod.sample(s).q, rotations.from_rotation_vector(turned))
-    resting = sink(case, s, q, rod.force[-1], gently=gently)
-    return None if resting is None else solve_resting(case, resting, solver)
-
-
-def is_stable(solved: Solved, solver: str) -> bool:
-    """Return whether a solved shape has no unstable direction; where it is hard to tell, judged on a finer mesh."""
-    kind = solved.case.boundary.kind
-    found = stability(solved.rod, kind)
-    if doubtful(solved.rod, found, error_estimate(solved)[0]):
-        found = stability(refine(solved, JUDGED, solver)[0].rod, kind)
-    return bool(found.stable)
-
-
-def stabilised(solved: Solved, solver: str) -> Solved | None:
-    """Return ``solved`` where it is stable, else a stable shape of less energy; None where none is found.
-
-    None is looked for where a dead moment acts: it has no energy to descend, and often no stable shape at all.
-    """
-    boundary = solved.case.boundary
-    if is_stable(solved, solver):
-        return solved
-    if np.any(boundary.start_moment) or np.any(boundary.end_moment):
-        return None
-    return let_go(solved.case, solved.rod, solver, gently=False)
 
 
 def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:

@@ -16,8 +16,9 @@ import numpy as np
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import CLAMPED, Case
-from harness_opt.statics.first_guess import curve, loose, signed
-from harness_opt.statics.rest import COILED, Resting, sink, softened, stiffen, tighten
+from harness_opt.statics.march import softened, stiffen, tighten
+from harness_opt.statics.rest import COILED, Resting, sink
+from harness_opt.statics.starting_curve import curve, loose, signed
 
 SHARE = 0.5  # of the slack: what the curls take up
 TILT = 0.15  # rad, of the axis of a curl towards the tangent

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
-from harness_opt.model.problem import Cable, End
+from harness_opt.model.cable import Cable, End
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.boundary import case
-from harness_opt.statics.cold_start import from_curve, stabilised
+from harness_opt.statics.cold_start import from_curve
 from harness_opt.statics.equilibrium import TOLERANCE, Shape, check_method, check_tolerance, refined_shape, vector
+from harness_opt.statics.release import stabilised
 
 BOWS = 8  # directions about the chord to which starting curves bow
 TURNS = (-1, 0, 1)

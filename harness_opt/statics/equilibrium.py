@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError, SolveError, Status
-from harness_opt.model.problem import Cable, End
+from harness_opt.model.cable import Cable, End
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.interface import Solution
 from harness_opt.numerics.rotations import Array

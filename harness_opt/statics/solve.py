@@ -13,7 +13,7 @@ from harness_opt.errors import Status
 from harness_opt.numerics import gauss_newton, ipopt, levenberg_marquardt, valley
 from harness_opt.numerics import paper_levenberg_marquardt as paper
 from harness_opt.numerics.extrapolation import Trail
-from harness_opt.numerics.interface import Options, Solution, Solver, largest
+from harness_opt.numerics.interface import Options, Solution, Solver
 from harness_opt.numerics.linear import CONDITION_LIMIT, Factor, factorise
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import CLAMPED, Case
@@ -33,8 +33,6 @@ ALMOST = 1e3  # times the residual asked for: left by what has come down to that
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 RESIDUAL = 1e-11  # of the scaled equations
 ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
-POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
-SETTLED, SETTLINGS = 0.3, 12  # part of the residual that a walk along a valley is to leave, and how often
 TURNED = 1e-2  # L a rad: what an error of the frames counts
 
 
@@ -214,45 +212,3 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     turned = TURNED * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
     # nodes, and what is sampled between them, are off by different things
     return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum() + apart.max()), turned), local
-
-
-def settled(solved: Solved) -> Solved:
-    """Return a solve walked on along its valley until rounding hides the rest; the same where it has none.
-
-    Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
-    """
-    if solved.factor.condition < CONDITION_LIMIT:
-        return solved
-    problem, best = solved.bound.least_squares(), solved.solution
-    for _ in range(SETTLINGS):
-        walked = valley.solve(problem, best.x, Options(SETTLED * best.residual, 0))
-        if not walked.status.ok:
-            break
-        best = walked
-    found = Solved(solved.case, solved.bound, best)
-    return solved if best is solved.solution or found.turned else found
-
-
-def polished(solved: Solved) -> Solved:
-    """Return a solve corrected until rounding is left, with the Jacobian that it ended with.
-
-    What counts as solved grows with the loads, and long elements show what is left: their curvatures are the small
-    differences of large moments.
-    """
-    best = solved.solution
-    if best.factor is not None and not best.factor.singular:
-        best = _corrected(solved.bound, best, best.factor)
-    if best is solved.solution and best.residual > RESIDUAL and not solved.factor.singular:
-        best = _corrected(solved.bound, best, solved.factor)
-    return solved if best is solved.solution else dataclasses.replace(solved, solution=best)
-
-
-def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
-    """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
-    for _ in range(POLISHES):
-        x = best.x - factor.solve(bound.residual(best.x))
-        left = largest(bound.residual(x))
-        if not left < POLISHED * best.residual:
-            break
-        best = dataclasses.replace(best, x=x, residual=left)
-    return best

@@ -11,7 +11,7 @@ from harness_opt.clearance.limits import STRAIGHT, limit_label
 from harness_opt.design.key_derivatives import Linear
 from harness_opt.files.quantity_keys import Quantity
 from harness_opt.model.tolerances import Tolerance
-from harness_opt.report.redesign_summary import FILE_WORDS
+from harness_opt.report.summary import FILE_WORDS
 
 MM = 1e-3  # of a metre
 PERCENT = 1e-2

@@ -21,7 +21,8 @@ from harness_opt.errors import ProblemError
 from harness_opt.files.checks import table
 from harness_opt.files.places import Places
 from harness_opt.files.quantities import Quantities, Tree
-from harness_opt.model.problem import MeshFile, Part, Problem
+from harness_opt.model.parts import MeshFile, Part
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.mesh import Mesh

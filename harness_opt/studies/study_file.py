@@ -12,12 +12,11 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.file_table import Table
 from harness_opt.files.places import unreadable
 from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
 from harness_opt.files.schema import structured
 from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
-from harness_opt.files.values import Expected, Number, Text, Whole, dotted, one_of, only_integer, shown
+from harness_opt.files.values import Expected, Number, Table, Text, Whole, dotted, one_of, only_integer, shown
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.studies.shared_problem import COMMANDS, Command
 from harness_opt.studies.variations import METHODS, Variations

@@ -195,6 +195,6 @@ def _counted(content: Mapping[str, Any]) -> str:
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    unit, factor = UNITS[row["name"].partition(".")[0]]
+    unit, factor, _ = UNITS[row["name"].partition(".")[0]]
     margins = [f"{factor * row[key]:+.3g}" for key in ("smallest", "tenth", "median")]
     return (row["name"], percent(row["held"]), *margins, unit, str(row["variant"]))

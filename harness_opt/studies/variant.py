@@ -15,14 +15,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.measure import clearances
 from harness_opt.design.redesign import redesign
 from harness_opt.errors import CompilerError, ProblemError
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics.machine_code import compiled, wanted
-from harness_opt.report.redesign_summary import FILE_WORDS
-from harness_opt.report.summary import clearances, verdict
+from harness_opt.report.summary import FILE_WORDS, verdict
 from harness_opt.studies.shared_problem import Shared, version, workbench
 
 REFUSED = "refused"  # the values make no problem: a cable too short for its clamps, say

@@ -9,10 +9,11 @@ from concurrent.futures import Executor
 import numpy as np
 
 from harness_opt.design.key_derivatives import linear
-from harness_opt.design.nominal import Redesign
+from harness_opt.design.result import Redesign
 from harness_opt.design.robustness import Yield, smallest
 from harness_opt.files.quantities import quantities_of
-from harness_opt.model.problem import Problem, Robust
+from harness_opt.model.design import Robust
+from harness_opt.model.problem import Problem
 from harness_opt.motion.follower import Progress
 from harness_opt.parts.scene import load_scene
 from harness_opt.studies.store import Store

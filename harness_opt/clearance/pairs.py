@@ -1,0 +1,151 @@
+"""Clearances of a motion, pair by pair: what is asked, and what is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from harness_opt.clearance.solved_frames import Solve
+from harness_opt.clearance.witnesses import Certificate, Witnesses
+from harness_opt.model.results import LimitResult, Snap
+from harness_opt.numerics.rotations import Array
+
+
+@dataclass(frozen=True)
+class Options:
+    """How hard to look.
+
+    Args:
+        tolerance: to which the smallest clearance is wanted, m; None takes 1 % of the cable's diameter, and 5 % of
+            the clearance of what stays more than ten diameters above ``reach``.
+        reach: witnesses are kept up to this much above the limit, m; None takes the cable's diameter.
+        most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
+            larger.
+        stop: asked while the motion is searched; once True, what is left is not certified, and says so.
+    """
+
+    tolerance: float | None = None
+    reach: float | None = None
+    most_queries: int = 20_000
+    stop: Callable[[], bool] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PairClearance:
+    """One cable against one obstacle, in P frames.
+
+    Args:
+        cable: its name.
+        obstacle: name of the part, or "cable:NAME" of another cable or of the same one.
+        limit: m, or None.
+        nearest: the smallest clearance of each frame, P witnesses in order; of a part far away in all of them, one
+            close to it.
+        witnesses: the local minima along the cable that lie less than ``reach`` above the limit, by frame; several
+            at one place where it lies between walls, a normal for each.
+        place: the one witness with the smallest clearance of all solved frames, those solved in between included;
+            its frame is the nearest of the P.
+        motion: where it stands, 0 to 1.
+        lower_bound: no point of the cable has a smaller clearance, m: in the P frames, or through the whole motion
+            where that was looked at.
+        certified_along_arc: whether the P frames hold nothing worse than their smallest by more than was asked.
+        certified: whether the whole motion holds nothing worse than :attr:`worst` by more than was asked.
+        reason: why not, where it is not.
+        excluded: lengths from start and end that do not count, m.
+        closed: False where the obstacle is a shell without an inside, so that a cable inside would go unseen.
+    """
+
+    cable: str
+    obstacle: str
+    limit: float | None
+    nearest: Witnesses
+    witnesses: Witnesses
+    place: Witnesses
+    motion: float
+    lower_bound: float
+    certified_along_arc: bool
+    certified: bool
+    reason: str
+    excluded: tuple[float, float]
+    closed: bool
+
+    @property
+    def start(self) -> Certificate:
+        """What the P frames alone say of the motion."""
+        return Certificate(self.place, self.motion, self.lower_bound, self.reason)
+
+    @property
+    def clearance(self) -> Array:
+        """The smallest clearance of each frame, (P,), m."""
+        return self.nearest.clearance
+
+    @property
+    def frame(self) -> int:
+        """The frame with the smallest clearance, or the nearest one to where that is."""
+        return int(self.place.frame[0])
+
+    @property
+    def arc_length(self) -> float:
+        """Where along the cable the smallest clearance is, m."""
+        return float(self.place.arc_length[0])
+
+    @property
+    def worst(self) -> float:
+        """The smallest clearance of all solved frames, m."""
+        return float(self.place.clearance[0])
+
+    @property
+    def tolerance(self) -> float:
+        """By how much, at most, what lies between can be worse than :attr:`worst`, m."""
+        return self.worst - self.lower_bound
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceResult:
+    """Clearances of all cables to all obstacles.
+
+    Args:
+        motion: (P,), 0 to 1, of the frames.
+        pairs: one for each cable and obstacle.
+        left_out: what was not measured and why, a sentence each.
+        inserted: how many frames were solved between the others to be certain, by cable.
+    """
+
+    motion: Array
+    pairs: tuple[PairClearance, ...]
+    left_out: tuple[str, ...] = ()
+    inserted: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def limits(self) -> tuple[LimitResult, ...]:
+        """One row for each pair that has a limit."""
+        return tuple(
+            LimitResult(
+                name="clearance",
+                limit=pair.limit,
+                worst=pair.worst,
+                margin=pair.worst - pair.limit,
+                cable=pair.cable,
+                frame=pair.frame,
+                motion=pair.motion,
+                arc_length=pair.arc_length,
+                part=pair.obstacle,
+                certified=pair.certified,
+                tolerance=pair.tolerance,
+                reason=pair.reason,
+            )
+            for pair in self.pairs
+            if pair.limit is not None
+        )
+
+
+@dataclass(frozen=True)
+class Between:
+    """What is needed to be certain between frames.
+
+    Args:
+        solve: finds shapes there.
+        snaps: of the cables.
+    """
+
+    solve: Solve
+    snaps: tuple[Snap, ...] = ()

@@ -1,0 +1,93 @@
+"""What a redesign gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.design.prices import Price
+from harness_opt.design.relaxations import Relaxation
+from harness_opt.design.robustness import Robustness
+from harness_opt.design.sqp import Step
+from harness_opt.design.trade_off import TradeOff
+from harness_opt.errors import Status
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import LimitResult, Motion
+
+
+@dataclass(frozen=True)
+class VariableResult:
+    """One design variable before and after, with its bounds, in the unit of its key."""
+
+    before: float
+    after: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Redesign:
+    """What a redesign found.
+
+    Args:
+        problem: the redesigned problem; ``harness_opt.write_problem`` writes it.
+        original: the problem it came from.
+        motion: of the redesigned problem, on twice the frames and twice the elements.
+        clearances: of that motion.
+        limits: rows of that motion; all margins are >= 0 where ``ok``.
+        limits_before: rows of the original design.
+        motion_before: of the original design.
+        variables: before and after, by name.
+        iterations: quadratic programs solved.
+        history: of the iterations.
+        active: what holds the design where it is: limits by name, and variables at a bound.
+        moved: what did not stand where the design may begin, by name: where it stood, and where it was moved to first.
+        relaxations: where no design holds all limits, what giving way in one of them or in one bound would do.
+        prices: where all hold, what those cost that hold the design where it is.
+        feasible: whether all limits hold.
+        status: OK, or why a design could not be simulated.
+        message: for the user; empty where all is well.
+        timing: seconds by phase.
+        trade_off: of the two quantities that were asked for; None where none were.
+        robust: how it fares within the tolerances of the problem; None where that states none.
+    """
+
+    problem: Problem
+    original: Problem
+    motion: Motion
+    clearances: ClearanceResult
+    limits: tuple[LimitResult, ...]
+    limits_before: tuple[LimitResult, ...]
+    motion_before: Motion
+    variables: Mapping[str, VariableResult]
+    iterations: int
+    history: tuple[Step, ...]
+    active: tuple[str, ...]
+    moved: Mapping[str, tuple[float, float]]
+    relaxations: tuple[Relaxation, ...]
+    prices: tuple[Price, ...]
+    feasible: bool
+    status: Status = Status.OK
+    message: str = ""
+    timing: Mapping[str, float] = field(default_factory=dict)
+    trade_off: TradeOff | None = None
+    robust: Robustness | None = None
+
+    @property
+    def ok(self) -> bool:
+        """True where every shape was found and every limit holds."""
+        return self.status.ok and self.feasible
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """A redesign that was interrupted, to go on from.
+
+    Args:
+        values: of its best design, by name.
+        history: its iterations.
+    """
+
+    values: Mapping[str, float]
+    history: tuple[Step, ...] = ()

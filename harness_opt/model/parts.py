@@ -1,0 +1,76 @@
+"""Solid parts that cables stay clear of: meshes on disk and the four primitives, each in the pose of its body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness_opt.model.bodies import WORLD
+from harness_opt.model.checks import Quaternion, Vector
+from harness_opt.numerics import rotations
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A triangle mesh on disk.
+
+    Args:
+        path: absolute path of the file.
+        unit: of its coordinates: "m", "cm", "mm", "in"; None where the format carries its own (GLB: metres).
+        shell: whether a surface that is not closed will do: it has no inside, so a cable there goes unnoticed.
+    """
+
+    path: Path
+    unit: str | None = None
+    shell: bool = False
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box centred on its origin; ``size`` is its full extent, m."""
+
+    size: Vector
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball centred on its origin; m."""
+
+    radius: float
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along z, centred on its origin; ``length`` is its full height, m."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder along z with half balls on both ends; ``length`` is that of the cylinder alone, m."""
+
+    radius: float
+    length: float
+
+
+Shape = MeshFile | Box | Sphere | Cylinder | Capsule
+
+
+@dataclass(frozen=True)
+class Part:
+    """A solid to stay clear of.
+
+    Args:
+        shape: mesh file or primitive.
+        body: name of the body it belongs to.
+        position, quaternion: pose of the shape in the coordinates of the body.
+        clearance: this part's own limit, m, or None for the general one.
+    """
+
+    shape: Shape
+    body: str = WORLD
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = rotations.IDENTITY
+    clearance: float | None = None

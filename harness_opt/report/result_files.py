@@ -1,0 +1,83 @@
+"""The result folder: summary, shapes, the redesigned problem; pictures and page by whoever draws them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness_opt.clearance.measure import clearances
+from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.errors import ProblemError
+from harness_opt.files.arrays import write_arrays
+from harness_opt.files.read import write_problem
+from harness_opt.files.result_folder import SUMMARY, replacing
+from harness_opt.model.problem import input_files
+from harness_opt.model.results import Motion
+from harness_opt.report.summary import Json, _asked, as_json, summary, timed
+
+if TYPE_CHECKING:
+    from harness_opt.design.result import Redesign
+
+
+Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
+
+
+Page = Callable[[Json, Path], str]  # writes a report of a summary into a folder
+
+
+def write_results(
+    result: Motion | Redesign,
+    folder: str | Path,
+    *,
+    measured: ClearanceResult | None = None,
+    command: str | None = None,
+    pictures: Pictures | None = None,
+    page: Page | None = None,
+) -> Json:
+    """Write the result folder, complete or not at all, and return its summary.
+
+    It holds ``summary.json`` and ``motion.npz``; for a redesign also ``redesigned.toml`` and ``before.npz``,
+    the motion of the design given. An earlier result of harness-opt in the same place is replaced.
+
+    Args:
+        result: of a simulation or a redesign.
+        folder: to write; its parents are made.
+        measured, command: as in :func:`summary`.
+        pictures: draws a result into a folder and returns the names of the files; None draws none.
+        page: writes a report of the summary into a folder and returns the name of its file; None writes none.
+
+    Raises:
+        ProblemError: ``folder`` holds something else, or cannot be written; a mesh that cannot be used.
+    """
+    if isinstance(result, Motion) and measured is None:
+        measured = clearances(result)
+    with replacing(Path(folder), input_files(_asked(result))) as aside:
+        if isinstance(result, Motion):
+            _write_arrays(aside / "motion.npz", result)
+        else:
+            _write_arrays(aside / "motion.npz", result.motion)
+            _write_arrays(aside / "before.npz", result.motion_before)
+            write_problem(result.problem, aside / "redesigned.toml")
+            if result.trade_off is not None:
+                from harness_opt.report.trade_off_files import write_trade_off
+
+                write_trade_off(result.trade_off, aside)
+        if pictures is not None:
+            begin = time.perf_counter()
+            pictures(result, aside)
+            result = timed(result, pictures=time.perf_counter() - begin)
+        files = [entry.name for entry in aside.iterdir()]
+        content = summary(result, measured, command=command, files=files)
+        if page is not None:
+            content["files"] = sorted([*content["files"], page(content, aside)])
+        (aside / SUMMARY).write_text(as_json(content) + "\n", encoding="utf-8")
+    return content
+
+
+def _write_arrays(file: Path, motion: Motion) -> None:
+    try:
+        write_arrays(file, motion.motion, motion.cables)
+    except ValueError as error:
+        raise ProblemError(f"{file.name}: found {error}, expected none: nothing was written") from error

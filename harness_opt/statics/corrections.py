@@ -1,0 +1,56 @@
+"""Last corrections of a solved shape, down to what rounding leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from harness_opt.numerics import valley
+from harness_opt.numerics.interface import Options, Solution, largest
+from harness_opt.numerics.linear import CONDITION_LIMIT, Factor
+from harness_opt.rod.collocation import BoundCollocation
+from harness_opt.statics.solve import RESIDUAL, Solved
+
+POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
+SETTLED, SETTLINGS = 0.3, 12  # part of the residual that a walk along a valley is to leave, and how often
+
+
+def settled(solved: Solved) -> Solved:
+    """Return a solve walked on along its valley until rounding hides the rest; the same where it has none.
+
+    Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
+    """
+    if solved.factor.condition < CONDITION_LIMIT:
+        return solved
+    problem, best = solved.bound.least_squares(), solved.solution
+    for _ in range(SETTLINGS):
+        walked = valley.solve(problem, best.x, Options(SETTLED * best.residual, 0))
+        if not walked.status.ok:
+            break
+        best = walked
+    found = Solved(solved.case, solved.bound, best)
+    return solved if best is solved.solution or found.turned else found
+
+
+def polished(solved: Solved) -> Solved:
+    """Return a solve corrected until rounding is left, with the Jacobian that it ended with.
+
+    What counts as solved grows with the loads, and long elements show what is left: their curvatures are the small
+    differences of large moments.
+    """
+    best = solved.solution
+    if best.factor is not None and not best.factor.singular:
+        best = _corrected(solved.bound, best, best.factor)
+    if best is solved.solution and best.residual > RESIDUAL and not solved.factor.singular:
+        best = _corrected(solved.bound, best, solved.factor)
+    return solved if best is solved.solution else dataclasses.replace(solved, solution=best)
+
+
+def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
+    """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
+    for _ in range(POLISHES):
+        x = best.x - factor.solve(bound.residual(best.x))
+        left = largest(bound.residual(x))
+        if not left < POLISHED * best.residual:
+            break
+        best = dataclasses.replace(best, x=x, residual=left)
+    return best
