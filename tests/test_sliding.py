@@ -13,7 +13,7 @@ from harness_opt.numerics.descent import Ended, descend
 from harness_opt.rod.boundary import case as posed
 from harness_opt.rod.energy_chain import Chain
 from harness_opt.statics import curls as curled
-from harness_opt.statics import rest as landing
+from harness_opt.statics import energy_minimum as landing
 from harness_opt.statics.curl_steps import _rails, _Step, has_curls, slid
 
 DISTANCE = 0.95

@@ -16,10 +16,10 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
 from harness_opt.statics.curls import curled
-from harness_opt.statics.from_rest import solve_resting
-from harness_opt.statics.march import softened, stiffen, tighten
+from harness_opt.statics.energy_minimum import COILED, QUICK, TWISTED, WORK, Resting, sink
+from harness_opt.statics.from_minimum import solve_resting
+from harness_opt.statics.load_stepping import softened, stiffen, tighten
 from harness_opt.statics.release import stabilised
-from harness_opt.statics.rest import COILED, QUICK, TWISTED, WORK, Resting, sink
 from harness_opt.statics.solve import STAGES, Solved, solve_on
 from harness_opt.statics.starting_curve import EASY, curve, loose, signed
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from harness_opt.numerics import valley
+from harness_opt.numerics import near_null
 from harness_opt.numerics.interface import Options, Solution, largest
 from harness_opt.numerics.linear import CONDITION_LIMIT, Factor
 from harness_opt.rod.collocation import BoundCollocation
@@ -23,7 +23,7 @@ def settled(solved: Solved) -> Solved:
         return solved
     problem, best = solved.bound.least_squares(), solved.solution
     for _ in range(SETTLINGS):
-        walked = valley.solve(problem, best.x, Options(SETTLED * best.residual, 0))
+        walked = near_null.solve(problem, best.x, Options(SETTLED * best.residual, 0))
         if not walked.status.ok:
             break
         best = walked

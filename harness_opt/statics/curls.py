@@ -16,8 +16,8 @@ import numpy as np
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import CLAMPED, Case
-from harness_opt.statics.march import softened, stiffen, tighten
-from harness_opt.statics.rest import COILED, Resting, sink
+from harness_opt.statics.energy_minimum import COILED, Resting, sink
+from harness_opt.statics.load_stepping import softened, stiffen, tighten
 from harness_opt.statics.starting_curve import curve, loose, signed
 
 SHARE = 0.5  # of the slack: what the curls take up

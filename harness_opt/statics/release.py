@@ -9,9 +9,9 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.stability import doubtful, lowest_mode, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.from_rest import solve_resting
+from harness_opt.statics.energy_minimum import sink
+from harness_opt.statics.from_minimum import solve_resting
 from harness_opt.statics.mesh import divided, refine
-from harness_opt.statics.rest import sink
 from harness_opt.statics.solve import Solved, error_estimate
 
 NUDGES = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle of the energy or a minimum just lost

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics import gauss_newton, ipopt, levenberg_marquardt, valley
+from harness_opt.numerics import gauss_newton, ipopt, levenberg_marquardt, near_null
 from harness_opt.numerics import paper_levenberg_marquardt as paper
 from harness_opt.numerics.extrapolation import Trail
 from harness_opt.numerics.interface import Options, Solution, Solver
@@ -134,13 +134,13 @@ def solve_on(
     loose = solution.residual > (sharp.tolerance if flat else tolerance)
     if solver == SAFEGUARDED and loose and solution.residual <= FLOOR * math.sqrt(scale):
         energy = (lambda x: _energy(case, bound, x)) if case.boundary.kind == CLAMPED else None
-        steps = valley.STEPS if near is None else valley.FEW
+        steps = near_null.STEPS if near is None else near_null.FEW
         # where it did not converge, it may have strayed far, or be on the floor already
         starts = [solution.x] if solution.status.ok else [x]
         if near is None and tolerance < solution.residual <= ALMOST * tolerance:
             starts.append(solution.x)
         for begun in starts:
-            walked = valley.solve(problem, begun, sharp, energy, steps=steps)
+            walked = near_null.solve(problem, begun, sharp, energy, steps=steps)
             if walked.residual <= min(tolerance, solution.residual):
                 solution = dataclasses.replace(walked, status=Status.OK)
                 break

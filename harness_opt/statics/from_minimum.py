@@ -11,8 +11,8 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
 from harness_opt.statics.continuation import follow, turning
+from harness_opt.statics.energy_minimum import Resting, closer, density, fitted
 from harness_opt.statics.mesh import ELEMENTS, divided
-from harness_opt.statics.rest import Resting, closer, density, fitted
 from harness_opt.statics.solve import SAFEGUARDED, STAGES, Solved, error_estimate, solve_on
 
 BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent

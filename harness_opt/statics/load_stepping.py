@@ -11,7 +11,7 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.energy_chain import Chain
-from harness_opt.statics.rest import (
+from harness_opt.statics.energy_minimum import (
     LONG_STEP,
     QUICK,
     SMALL_STEP,
