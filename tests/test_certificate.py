@@ -141,10 +141,10 @@ def test_two_cables_and_one_with_itself_against_dense_sampling(rng):
         for pair in found.pairs[:2]:
             assert pair.certified, pair.reason
             assert pair.tolerance <= TOLERANCE * (1 + 1e-6)
-            assert pair.lower_bound <= least[pair.obstacle]
-            assert pair.worst <= least[pair.obstacle] + pair.tolerance + 1e-9
+            assert pair.lower_bound <= least[pair.obstacle.key]
+            assert pair.worst <= least[pair.obstacle.key] + pair.tolerance + 1e-9
             at = [stories[name].points(pair.motion, np.array([place])) for name, place in
-                  ((pair.cable, pair.arc_length), (pair.obstacle[6:], pair.place.other_arc_length[0]))]  # fmt: skip
+                  ((pair.cable, pair.arc_length), (pair.obstacle.name, pair.place.other_arc_length[0]))]  # fmt: skip
             assert np.linalg.norm(at[0] - at[1]) - DIAMETER == pytest.approx(pair.worst, abs=1e-6)
 
 

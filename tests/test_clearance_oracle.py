@@ -169,7 +169,7 @@ def test_part_on_the_clamps_own_body_does_not_count_near_it():
     for ends in (("world", "arm"), ("arm", "world"), ("world", "world")):
         problem = Problem(runs(bodies=ends), {"arm": arm}, {"block": block, "far": far}, limits=Limits(clearance=limit))
         for pair in measure(problem, load_scene(problem), still, cables).pairs[:2]:
-            worst[ends, pair.obstacle] = pair.worst, pair.excluded
+            worst[ends, pair.obstacle.key] = pair.worst, pair.excluded
     away, touching = pytest.approx(reach - DIAMETER / 2), pytest.approx(-DIAMETER / 2)
     assert worst[("world", "arm"), "block"] == (away, (reach, 0.0))
     assert worst[("world", "arm"), "far"] == (away, (0.0, reach))
@@ -184,7 +184,7 @@ def test_cable_to_cable_against_every_pair(rng):
     ones, twos = random_helices(rng, 10), random_helices(rng, 10)
     cables = {"one": shapes(ones, LENGTH), "two": shapes(twos, LENGTH)}
     result = measure(problem, load_scene(problem), np.linspace(0, 1, 10), cables)
-    assert [(pair.cable, pair.obstacle) for pair in result.pairs] == [
+    assert [(pair.cable, pair.obstacle.key) for pair in result.pairs] == [
         ("one", "cable:one"),
         ("one", "cable:two"),
         ("two", "cable:two"),

@@ -17,7 +17,7 @@ from harness_opt.cli import commands as cli
 from harness_opt.cli.commands import main
 from harness_opt.cli.interrupts import Abandoned, Interrupts
 from harness_opt.cli.progress import progress_for
-from harness_opt.design import nominal as outer_loop
+from harness_opt.design import redesign as outer_loop
 from harness_opt.errors import SolveError, Status
 from harness_opt.files.read import read_problem
 from harness_opt.files.stored_results import read_results

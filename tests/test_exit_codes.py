@@ -16,7 +16,7 @@ from flap_file import FLAP, HIT, PLAIN, WALLED, put, stand_in, strict
 from harness_opt.clearance.witnesses import STOPPED
 from harness_opt.cli.commands import main
 from harness_opt.cli.interrupts import Interrupts
-from harness_opt.design import nominal as outer_loop
+from harness_opt.design import redesign as outer_loop
 from harness_opt.design import search as design_search
 from harness_opt.errors import HarnessError, SolveError, Status
 from harness_opt.files.stored_results import read_results

@@ -17,6 +17,7 @@ from browser import looked_through, opened
 
 import harness_opt as ho
 from harness_opt.clearance.measure import measure
+from harness_opt.model.limits import KIND_OF_KEY
 from harness_opt.model.results import Motion, Snap
 from harness_opt.parts import triangles as part_triangles
 from harness_opt.parts.scene import load_scene
@@ -25,7 +26,6 @@ from harness_opt.report import html_page as html_report
 from harness_opt.report import page_rows as report_words
 from harness_opt.report import scene_data as web_scene
 from harness_opt.report.summary import summary
-from harness_opt.report.words import UNITS
 
 PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 # files, and frames: few of the rig's, whose whole motion takes a minute
@@ -88,8 +88,8 @@ def test_the_page_says_what_the_summary_says(motion):
     content, page = summary(motion), page_of(motion)
     assert "All limits hold" in page and "A flap" in page
     for row in content["limits"]:
-        unit, scale = UNITS[row["name"]]
-        assert f"{row['worst'] * scale:.2f} {unit}" in page
+        unit = KIND_OF_KEY[row["name"]].unit
+        assert f"{row['worst'] * unit.factor:.2f} {unit.name}" in page
     for words in ("spatial_step", "Largest twist", "Stability margin", "rainflow", "stable equilibrium", "Left out"):
         assert words in page
 
@@ -191,7 +191,7 @@ def test_the_scene_has_the_shapes_the_poses_and_the_closest_points(motion):
     assert unpacked(cable["position"], np.float32).reshape(shape) == pytest.approx(
         motion.cables["lead"].position, abs=1e-7
     )
-    pair = next(pair for pair in act["nearest"] if pair["obstacle"] == "ball")
+    pair = next(pair for pair in act["nearest"] if pair["part"] == "ball")
     points = unpacked(pair["points"], np.float32).reshape(-1, 2, 3)
     apart = np.linalg.norm(points[:, 0] - points[:, 1], axis=1)
     assert apart == pytest.approx(np.array(pair["clearance"]), abs=1e-6)
@@ -282,7 +282,7 @@ def test_a_long_curve_keeps_its_peaks():
 def test_values_at_the_slider_are_those_of_the_frames(motion):
     data, content = data_of(page_of(motion)), summary(motion)
     for live, row in zip(data["rows"], content["limits"], strict=True):
-        scale = UNITS[row["name"]][1]
+        scale = KIND_OF_KEY[row["name"]].unit.factor
         assert live["values"][row["frame"]] == pytest.approx(scale * row["worst"], rel=1e-5)
         worst = min if row["name"] in {"clearance", "bend_radius"} else max
         assert worst(live["values"]) == pytest.approx(scale * row["worst"], rel=1e-5)

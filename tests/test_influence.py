@@ -14,7 +14,6 @@ from flap_file import put, strict
 from study_examples import STUDY, placed
 
 import harness_opt as ho
-from harness_opt.clearance.limits import limit_label
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.cli.commands import main
@@ -24,6 +23,7 @@ from harness_opt.design.robustness import smallest
 from harness_opt.errors import ProblemError
 from harness_opt.files.quantities import quantities_of
 from harness_opt.files.quantity_keys import differentiable
+from harness_opt.model.limits import LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion
 from harness_opt.parts.primitives import Primitive
@@ -117,6 +117,8 @@ COMPARED = [
     "cables.lead.start.rotate_x_deg", "cables.lead.end.rotate_z_deg", "parts.rod.rotate_y_deg",
 ]  # fmt: skip
 
+BALL = LimitId(LimitKind.CLEARANCE, "lead", Obstacle("ball"))
+
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
@@ -134,15 +136,15 @@ def margins(problem: Problem, frames: np.ndarray) -> dict[str, np.ndarray]:
     found = {}
     for pair in measure(problem, load_scene(problem), frames, motion.cables).pairs:
         scale = pair.limit + 0.5 * {"lead": 0.005, "tail": 0.004}[pair.cable]
-        found[limit_label("clearance", pair.cable, pair.obstacle)] = (pair.clearance - pair.limit) / scale
+        found[pair.id] = (pair.clearance - pair.limit) / scale
     limits = problem.limits
     for name, shapes in motion.cables.items():
         bending, twist = np.linalg.norm(shapes.curvature[..., :2], axis=-1), np.abs(shapes.curvature[..., 2])
-        found[f"bend radius of {name}"] = 1 - bending.max(axis=1) * limits.bend_radius
-        found[f"twist of {name}"] = 1 - twist.max(axis=1) / limits.twist
+        found[LimitId(LimitKind.BEND_RADIUS, name)] = 1 - bending.max(axis=1) * limits.bend_radius
+        found[LimitId(LimitKind.TWIST, name)] = 1 - twist.max(axis=1) / limits.twist
         for kind, load in (("force", shapes.force), ("moment", shapes.moment)):
             size = np.linalg.norm(load[:, [0, -1]], axis=-1).max(axis=1)
-            found[f"clamp {kind} of {name}"] = 1 - size / getattr(limits, f"clamp_{kind}")
+            found[LimitId(LimitKind(f"clamp_{kind}"), name)] = 1 - size / getattr(limits, f"clamp_{kind}")
     return found
 
 
@@ -150,7 +152,7 @@ def test_keys_of_every_kind_against_differences_of_simulations(scene):
     quantities, keys, found = scene
     problem, frames = quantities.problem({}), found.motion.motion
     base = margins(problem, frames)
-    assert set(found.names) == set(base)
+    assert set(found.limits) == set(base)
     assert len(keys) > 60
     worst = {name: int(np.argmin(values)) for name, values in base.items()}
     wrong = []
@@ -170,7 +172,7 @@ def test_keys_of_every_kind_against_differences_of_simulations(scene):
 def test_margins_are_those_of_the_simulation(scene):
     _, _, found = scene
     base = margins(found.motion.problem, found.motion.motion)
-    for name in found.names:
+    for name in found.limits:
         assert found.margin[found.worst(name)] == pytest.approx(np.min(base[name]), abs=1e-6)
 
 
@@ -197,7 +199,7 @@ def test_what_is_of_second_order_brings_margins_nearer(scene):
     quantities, _, _ = scene
     chosen = ["parts.ball.position.x", "parts.ball.position.y", "cables.lead.length", "cables.lead.start.rotate_x_deg"]
     found = linear(quantities, chosen, load_scene(quantities.problem({})))
-    frames, name = found.motion.motion, "clearance of lead to ball"
+    frames, name = found.motion.motion, BALL
     given = np.array([quantities[key].value for key in chosen])
     deviations = np.array([[0.004, -0.006, 0.004, 3.0], [-0.006, 0.004, -0.004, 2.0], [0.006, 0.006, 0.002, -3.0]])
     flat = dataclasses.replace(found, second=np.zeros_like(found.second))
@@ -205,7 +207,7 @@ def test_what_is_of_second_order_brings_margins_nearer(scene):
     for each in deviations:
         problem = quantities.problem(dict(zip(chosen, (given + each).tolist(), strict=True)))
         true = margins(problem, frames)[name].min()
-        row = found.names.index(name)
+        row = found.limits.index(name)
         errors.append([abs(smallest(one, each[None])[row, 0] - true) for one in (flat, found)])
     without, with_ = np.mean(errors, axis=0)
     assert with_ < 0.5 * without
@@ -214,8 +216,8 @@ def test_what_is_of_second_order_brings_margins_nearer(scene):
 def test_steps_and_units(scene):
     """A part pushed along the normal takes its clearance away, millimetre by millimetre."""
     quantities, _, found = scene
-    name = "clearance of lead to ball"
-    pair = next(pair for pair in found.clearances.pairs if (pair.cable, pair.obstacle) == ("lead", "ball"))
+    name = BALL
+    pair = next(pair for pair in found.clearances.pairs if (pair.cable, pair.obstacle.key) == ("lead", "ball"))
     normal = pair.place.normal[0]
     effects = {effect.key: effect for effect in ranked(found, name)}
     for letter, component in zip("xyz", normal, strict=True):
@@ -233,7 +235,7 @@ def test_a_thicker_cable_bends_and_comes_nearer(scene):
     """Other units: a bend radius in m and a twist in deg/m, by one per cent of stiffness, against simulations."""
     quantities, _, found = scene
     frames = found.motion.motion
-    for name, value in (("bend radius of lead", "bend"), ("twist of lead", "twist")):
+    for name, value in ((LimitId(LimitKind.BEND_RADIUS, "lead"), "bend"), (LimitId(LimitKind.TWIST, "lead"), "twist")):
         effect = {e.key: e for e in ranked(found, name)}["cables.lead.torsional_stiffness"]
         both = []
         for factor in (1.001, 0.999):
@@ -258,7 +260,7 @@ def test_usual_keys(scene):
     keys = list(usual(scene[0]))
     assert {"cables.lead.length", "cables.tail.weight_percent", "parts.rod.position.x"} < set(keys)
     assert all(differentiable(scene[0][key]) for key in keys)
-    assert tightest(scene[2]).startswith("clearance")
+    assert tightest(scene[2]).kind is LimitKind.CLEARANCE
 
 
 # --- the command ----------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ import pytest
 
 from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
-from harness_opt.design.nominal import redesign
+from harness_opt.design.redesign import redesign
 from harness_opt.errors import HarnessError
 from harness_opt.files.arrays import KEPT
 from harness_opt.files.read import write_problem

@@ -22,6 +22,7 @@ from harness_opt.design import trial as trials
 from harness_opt.design.result import Earlier
 from harness_opt.design.sqp import Step
 from harness_opt.model import design_variables
+from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.parts.scene import load_scene
 
 CLOSE = 0.01  # of the objective: as near to the best of a dense search as a redesign has to come
@@ -274,7 +275,7 @@ def test_progress_tells_limit_margin_step_and_time(here, capsys):
 
 
 def test_twist_is_told_in_degrees():
-    step = Step("least change", 0.0, -0.5, "twist of lead", -np.pi, 0.25, 0.1, False)
+    step = Step("least change", 0.0, -0.5, LimitId(LimitKind.TWIST, "lead"), -np.pi, 0.25, 0.1, False)
     assert redesign_command.words(step, 3) == (
         "iteration 3 (least change): twist of lead short by 180 deg/m, step 10 % of the bounds, not kept"
     )

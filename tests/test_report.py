@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from harness_opt.clearance.measure import clearances
-from harness_opt.design.nominal import redesign
+from harness_opt.design.redesign import redesign
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.files.read import read_problem, write_problem
 from harness_opt.files.stored_results import read_results

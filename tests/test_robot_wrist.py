@@ -61,7 +61,7 @@ def test_two_cables_over_the_wrist_of_a_robot(script, put, capsys):
     assert motion.ok and not motion.snaps
     found = ho.clearances(motion)
     assert all(row.certified and row.margin > 0 for row in found.limits), found.limits
-    assert {pair.obstacle for pair in found.pairs if pair.cable == "power"} == {
+    assert {pair.obstacle.key for pair in found.pairs if pair.cable == "power"} == {
         "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "tool", "cable:power", "cable:air",
     }  # fmt: skip
     assert all(pair.closed for pair in found.pairs)

@@ -25,7 +25,7 @@ from harness_opt.parts.scene import load_scene
 from harness_opt.studies.store import Store
 from harness_opt.studies.study import plan, study
 from harness_opt.studies.table import columns, csv_text, facts, write_tables
-from harness_opt.studies.variant import LOST, VariantResult, label, run_variant
+from harness_opt.studies.variant import LOST, VariantResult, run_variant
 from harness_opt.studies.variations import Variations
 from harness_opt.studies.workers import Crew
 
@@ -49,7 +49,7 @@ def test_a_row_is_what_simulate_finds(problem):
         one = ho.read_problem("one.toml")
         motion = ho.simulate(one)
         peer = all_limits(one, motion, ho.clearances(motion, load_scene(one)))
-        assert result.margins == {label(row): row.margin for row in peer}, "to the last bit"
+        assert result.margins == {str(row.id): row.margin for row in peer}, "to the last bit"
         assert result.values == values
         assert (result.status, result.frames, result.stable) == ("ok", len(motion.motion), True)
         assert result.worst_limit == min(result.margins, key=lambda name: result.margins[name] / _scale(name))

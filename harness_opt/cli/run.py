@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from harness_opt.cli.interrupts import Interrupts
 from harness_opt.cli.progress import Shown, progress_for
@@ -20,13 +20,13 @@ from harness_opt.errors import HarnessError, ProblemError, SolveError, Status
 if TYPE_CHECKING:
     from harness_opt.clearance.pairs import ClearanceResult
     from harness_opt.design.result import Redesign
+    from harness_opt.files.summary import Command, Summary
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
     from harness_opt.parts.scene import Scene
 
     Solve = Callable[[Problem, Shown], Motion | Redesign]
-    _Found = tuple[Motion | Redesign, ClearanceResult | None, str]  # with the command that found it
-    _Summary = dict[str, Any]
+    _Found = tuple[Motion | Redesign, ClearanceResult | None, Command]  # with the command that found it
 
 BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
 EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
@@ -70,7 +70,7 @@ def naming(file: Path) -> Iterator[None]:
         ) from None
 
 
-def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) -> int:
+def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice) -> int:
     """Read, solve, measure, write, draw and tell; return the exit code.
 
     Args:
@@ -123,7 +123,7 @@ def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) ->
     return INTERRUPTED if interrupts.asked else EXIT[summary["status"]]
 
 
-def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[_Summary, Path | None]:
+def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[Summary, Path | None]:
     """Write what was found; return its summary and the folder, or None where nothing was written."""
     from harness_opt.report.result_files import write_results
     from harness_opt.report.summary import summary
@@ -153,7 +153,7 @@ def _is_whole(folder: Path) -> bool:
     return earlier is not None and earlier.get("reason") not in parts
 
 
-def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -> None:
+def _show(wanted: Wanted, summary: Summary, place: Path | None, voice: Voice) -> None:
     """Print the summary, and where it was written, if it was."""
     from harness_opt.report.summary import as_json
     from harness_opt.report.words import advice, report
@@ -210,7 +210,7 @@ def _measured(
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 
-def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _Summary:
+def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> Summary:
     """Write the results again with a report, and then with pictures; where none can be drawn say why.
 
     The results stand already, and the report before the pictures, so that nothing that a graphics driver does can

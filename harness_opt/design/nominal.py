@@ -19,13 +19,14 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.design.objective import Goal, goal_of
 from harness_opt.design.prices import Price, prices
 from harness_opt.design.relaxations import Relaxation, relaxations
-from harness_opt.design.result import Earlier, Redesign, VariableResult
+from harness_opt.design.result import AtBound, Earlier, Redesign, VariableResult
 from harness_opt.design.search import Verified, verified
 from harness_opt.design.sqp import Step
 from harness_opt.design.trade_off import TradeOff, check_pair, trade_off
 from harness_opt.design.trial import GUARD, Trial, Trials
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import design_variables
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.motion.follower import Progress
@@ -51,13 +52,12 @@ def check_design(problem: Problem) -> None:
         raise ProblemError(mistakes)
 
 
-def _active(trial: Trial, problem: Problem, goal: Goal) -> tuple[str, ...]:
+def _active(trial: Trial, problem: Problem, goal: Goal) -> tuple[LimitId | AtBound, ...]:
     """Return what holds the design where it is: limits near their bound, and variables at theirs."""
-    near = dict.fromkeys(
-        name for name, margin in zip(trial.rows.name, trial.rows.margin, strict=True) if margin < 2.0 * GUARD
-    )
+    rows = zip(trial.rows.limit, trial.rows.margin, strict=True)
+    near = dict.fromkeys(limit for limit, margin in rows if limit is not None and margin < 2.0 * GUARD)
     at_bound = [
-        f"{v.name} at its {side} bound"
+        AtBound(v.name, side)
         for v, value, width in zip(problem.design.variables, trial.values, goal.range, strict=True)
         for side, bound in (("lower", v.lower), ("upper", v.upper))
         if abs(value - bound) < AT_BOUND * width
@@ -81,7 +81,7 @@ class _Log:
 
 
 @one_thread
-def redesign(
+def nominal_redesign(
     problem: Problem,
     *,
     solver: str = "gauss-newton",
@@ -89,7 +89,7 @@ def redesign(
     watch: Watch | None = None,
     earlier: Earlier | None = None,
     pareto: tuple[str, str] | None = None,
-    asked: Mapping[str, float] | None = None,
+    asked: Mapping[LimitId, float] | None = None,
     throw: bool = True,
 ) -> Redesign:
     """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
@@ -116,8 +116,8 @@ def redesign(
     scene = load_scene(problem)
     loaded = time.perf_counter()
     trials, goal = Trials(problem, scene, solver, progress), goal_of(problem)
-    for name, margin in (asked or {}).items():
-        trials.asked[name] += margin
+    for limit, margin in (asked or {}).items():
+        trials.asked[limit] += margin
     moved = design_variables.moved(problem)
     first = trials(_begin(problem, goal, earlier), None)
     if moved or earlier or first is None:
@@ -152,10 +152,26 @@ def redesign(
         for v, b, a in zip(problem.design.variables, design_variables.values(problem), ends.values, strict=True)
     }
     result = Redesign(
-        ends.motion.problem, problem, ends.motion, ends.clearances, ends.rows, limits_before, motion_before, variables,
-        len(log.history), tuple(log.history), ends.active, moved, *told, status.ok and ends.holds, status, message,
-        {"load": loaded - begin, "solve": time.perf_counter() - loaded}, curve,
-    )  # fmt: skip
+        problem=ends.motion.problem,
+        original=problem,
+        motion=ends.motion,
+        clearances=ends.clearances,
+        limits=ends.rows,
+        limits_before=limits_before,
+        motion_before=motion_before,
+        variables=variables,
+        iterations=len(log.history),
+        history=tuple(log.history),
+        active=ends.active,
+        moved=moved,
+        relaxations=told[0],
+        prices=told[1],
+        feasible=status.ok and ends.holds,
+        status=status,
+        message=message,
+        timing={"load": loaded - begin, "solve": time.perf_counter() - loaded},
+        trade_off=curve,
+    )
     if throw and not status.ok:
         raise SolveError(message, status, result)
     return result
@@ -180,7 +196,7 @@ class _Ends:
     motion: Motion
     clearances: ClearanceResult
     rows: tuple[LimitResult, ...]
-    active: tuple[str, ...]
+    active: tuple[LimitId | AtBound, ...]
     holds: bool
 
 

@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 from harness_opt.design.margins import Rows
 from harness_opt.design.trial import HELD, SNAP_COST, Trial
 from harness_opt.model import design_variables
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import Program
 from harness_opt.numerics.rotations import Array
+
+Limits = tuple[LimitId | None, ...]
 
 ROWS = 400  # most linearised limits in a quadratic program, the tightest first
 
@@ -49,7 +52,7 @@ class Goal:
         gradient: of the linear part, per range, (k,).
         lower, upper: bounds, (k,).
         range: unit of the variables' changes, (k,).
-        soft: names of the limits whose worst shortfall counts in the objective; None is all of them.
+        soft: the limits whose worst shortfall counts in the objective; None is all of them.
         floor: the least that their shortfall counts for: 0 is content where they hold, -inf asks for margin.
         snaps: whether snaps are allowed.
         aim: in words.
@@ -62,7 +65,7 @@ class Goal:
     lower: Array
     upper: Array
     range: Array
-    soft: frozenset[str] | None = frozenset()
+    soft: frozenset[LimitId] | None = frozenset()
     floor: float = 0.0
     snaps: bool = False
     beyond: Beyond | None = None
@@ -91,8 +94,8 @@ class Goal:
 
     def _is_soft(self, rows: Rows) -> NDArray[np.bool_]:
         if self.soft is None:
-            return np.ones(len(rows.name), dtype=bool)
-        return np.array([name in self.soft for name in rows.name], dtype=bool)
+            return np.ones(len(rows.limit), dtype=bool)
+        return np.array([limit in self.soft for limit in rows.limit], dtype=bool)
 
     def objective(self, trial: Trial) -> float:
         """Return the objective of ``trial``, of order one."""
@@ -119,8 +122,9 @@ class Goal:
             return self.objective(a) < self.objective(b)
         return self.violation(a) < self.violation(b)
 
-    def program(self, trial: Trial, trust: float, tried: Sequence[Trial] = ()) -> tuple[Program, tuple[str, ...]]:
-        """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and its rows' limits.
+    def program(self, trial: Trial, trust: float, tried: Sequence[Trial] = ()) -> tuple[Program, Limits]:
+        """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and which limits
+        its rows are of, None for a bound.
 
         Args:
             trial: where the step begins.
@@ -133,17 +137,17 @@ class Goal:
         rows = Rows.joined([trial.rows, *taught])
         tightest = np.argsort(rows.margin, kind="stable")[:ROWS]
         margin, rate, soft = rows.margin[tightest], rows.rate[tightest] * self.range, self._is_soft(rows)[tightest]
-        names = tuple(rows.name[i] for i in tightest)
+        limits = tuple(rows.limit[i] for i in tightest)
         if self.beyond is not None:
             number, side = self.beyond.number, self.beyond.side
             margin = np.append(margin, -self.excess(trial.values))
             rate = np.vstack([rate, -side * np.eye(len(self.range))[number]])
-            soft, names = np.append(soft, True), (*names, "bound")
+            soft, limits = np.append(soft, True), (*limits, None)
         lower, upper = self.limits()
         lowest = np.maximum((lower - trial.values) / self.range, -trust)
         highest = np.minimum((upper - trial.values) / self.range, trust)
         gradient = self.gradient + self.weights * (trial.values - self.centre) / self.range
-        return Program(self.weights, gradient, margin, rate, soft, self.floor, lowest, highest), names
+        return Program(self.weights, gradient, margin, rate, soft, self.floor, lowest, highest), limits
 
     def least_violation(self) -> Goal:
         """Return the goal of violating all limits as little as can be, and nothing else; content where they hold."""
@@ -158,14 +162,14 @@ class Goal:
             aim="least violation",
         )
 
-    def relaxing(self, limits: frozenset[str] = frozenset(), bound: Beyond | None = None) -> Goal:
+    def relaxing(self, limits: frozenset[LimitId] = frozenset(), bound: Beyond | None = None) -> Goal:
         """Return the goal of passing ``limits``, or a bound as in ``beyond``, as little as can be; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
             self, weights=none, gradient=none, soft=limits, floor=0.0, beyond=bound, aim="least relaxation"
         )
 
-    def margin(self, limits: frozenset[str] | None) -> Goal:
+    def margin(self, limits: frozenset[LimitId] | None) -> Goal:
         """Return the goal of the largest worst margin of ``limits``, None for all; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from harness_opt.design.limit_keys import LimitKey, limit_keys
+from harness_opt.design.limit_keys import LimitKey, is_between_cables, limit_keys
 from harness_opt.design.objective import Beyond, Goal
 from harness_opt.design.search import SEARCH_STRIDE, verify
 from harness_opt.design.sqp import Note, descend
 from harness_opt.design.trial import HELD, Trial, Trials
 from harness_opt.model import design_variables
 from harness_opt.model.design import Variable
+from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import solve
 
@@ -41,6 +43,7 @@ class Relaxation:
         key: in the problem file, as ``limits.bend_radius``, ``parts.housing.clearance`` or
             ``design.variables.lead.length``.
         kind: of the limit; "lower" or "upper" for a bound.
+        part: whose own clearance limit it is; None for the others and for bounds.
         value: now, in SI units, of bounds in the unit of their key.
         share: of the violation that it carries at the design of least violation, from the multipliers.
         estimate: the value that would do, to first order from the multipliers.
@@ -49,7 +52,8 @@ class Relaxation:
     """
 
     key: str
-    kind: str
+    kind: LimitKind | str
+    part: str | None
     value: float
     share: float
     estimate: float
@@ -83,15 +87,15 @@ def relaxations(trials: Trials, goal: Goal, least: Trial, note: Note) -> tuple[R
 
 
 def _candidates(problem: Problem, goal: Goal, least: Trial) -> list[_Candidate]:
-    program, names = goal.least_violation().program(least, NEAR)
+    program, limits = goal.least_violation().program(least, NEAR)
     answer = solve(program)
-    carried: dict[str, float] = {}
-    for name, multiplier in zip(names, answer.multipliers, strict=True):
-        carried[name] = carried.get(name, 0.0) + float(multiplier)
+    carried: defaultdict[LimitId | None, float] = defaultdict(float)
+    for limit, multiplier in zip(limits, answer.multipliers, strict=True):
+        carried[limit] += float(multiplier)
     found = []
     for key in limit_keys(problem):
-        shares = [share for name, share in carried.items() if name in key.labels]
-        alone = key.part is None and key.kind == "clearance" and len([s for s in shares if s > CARRIES]) < 2
+        shares = [share for limit, share in carried.items() if limit in key.sets]
+        alone = key.part is None and key.kind is LimitKind.CLEARANCE and len([s for s in shares if s > CARRIES]) < 2
         if sum(shares) > CARRIES and not (alone and not _between_cables(carried, key)):
             found.append(_Candidate(key, None, sum(shares)))
     for number, multiplier in enumerate(answer.bounds):
@@ -119,15 +123,15 @@ def _bound(candidate: _Candidate) -> tuple[int, int]:
     return candidate.bound.number, candidate.bound.side
 
 
-def _between_cables(carried: Mapping[str, float], key: LimitKey) -> bool:
+def _between_cables(carried: Mapping[LimitId | None, float], key: LimitKey) -> bool:
     """Return whether the general clearance limit is in the way of cables, which have no limits of their own."""
-    return any(share > CARRIES and " to cable:" in name for name, share in carried.items() if name in key.labels)
+    return any(share > CARRIES and limit in key.sets and is_between_cables(limit) for limit, share in carried.items())
 
 
 def _relaxation(trials: Trials, goal: Goal, least: Trial, candidate: _Candidate, note: Note) -> Relaxation:
     """Search for the least relaxation of one candidate alone, and check it."""
     key, bound = candidate.limit, candidate.bound
-    relaxing = goal.relaxing(frozenset() if key is None else key.labels, bound)
+    relaxing = goal.relaxing(frozenset() if key is None else key.sets, bound)
     end = descend(trials, relaxing, least, SEARCH_STRIDE, note)
     full = trials(end.values, end) if relaxing.held(end) else None
     end = end if full is None else descend(trials, relaxing, full, 1, note)
@@ -156,19 +160,19 @@ def _relaxation(trials: Trials, goal: Goal, least: Trial, candidate: _Candidate,
 def _describe(problem: Problem, goal: Goal, least: Trial, candidate: _Candidate) -> Relaxation:
     if candidate.limit is not None:
         key = candidate.limit
-        return Relaxation(key.name, key.kind, key.limit, candidate.share, math.nan, None)
+        return Relaxation(key.name, key.kind, key.part, key.limit, candidate.share, math.nan, None)
     number, side = _bound(candidate)
     variable = problem.design.variables[number]
     bound = variable.upper if side > 0 else variable.lower
     kind = "upper" if side > 0 else "lower"
-    return Relaxation(f"design.variables.{variable.name}", kind, bound, candidate.share, math.nan, None)
+    return Relaxation(f"design.variables.{variable.name}", kind, None, bound, candidate.share, math.nan, None)
 
 
 def _value(goal: Goal, trial: Trial, candidate: _Candidate, amount: float) -> float:
     """Return the limit or bound relaxed by ``amount``: scaled, or in the bound's range."""
     if candidate.limit is not None:
-        own = [s for s, n in zip(trial.rows.scale, trial.rows.name, strict=True) if n in candidate.limit.labels]
-        return candidate.limit.value(amount, float(max(own)))
+        rows = zip(trial.rows.scale, trial.rows.limit, strict=True)
+        return candidate.limit.value(amount, float(max(s for s, limit in rows if limit in candidate.limit.sets)))
     number, side = _bound(candidate)
     bound = goal.upper[number] if side > 0 else goal.lower[number]
     return float(bound + side * amount * goal.range[number])

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.clearance.limits import all_limits, limit_label
+from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Between, ClearanceResult
-from harness_opt.design.margins import scale_of
 from harness_opt.design.objective import Goal
 from harness_opt.design.sqp import Note, descend
 from harness_opt.design.trial import GUARD, Trial, Trials
@@ -150,9 +149,8 @@ def _ask_for_more(trials: Trials, found: Verified) -> None:
     for row in found.rows:
         if row.margin < 0:
             radius = found.motion.problem.cables[row.cable].cable.radius
-            name = limit_label(row.name, row.cable, row.part)
             # what is short by less than the search lets pass would otherwise stay so
-            trials.asked[name] += EXTRA * -row.margin / scale_of(row.name, row.limit, radius) + GUARD
+            trials.asked[row.id] += EXTRA * -row.margin / row.scale(radius) + GUARD
 
 
 def verify(trials: Trials, design: Trial) -> Verified:

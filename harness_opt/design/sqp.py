@@ -18,6 +18,7 @@ import numpy as np
 
 from harness_opt.design.objective import Goal
 from harness_opt.design.trial import HELD, Trial, Trials
+from harness_opt.model.limits import LimitId
 from harness_opt.numerics.quadratic_program import solve
 from harness_opt.numerics.rotations import Array
 
@@ -45,7 +46,7 @@ class Step:
         aim: of the search, in words.
         objective: of the design tried.
         margin: its worst, scaled; >= 0 holds.
-        limit: which one that is.
+        limit: which one that is; None where there is none.
         amount: that margin in SI units, to first order.
         trust: radius of the trust region, in the bounds' ranges.
         step: largest change of a variable, in the bounds' ranges.
@@ -55,7 +56,7 @@ class Step:
     aim: str
     objective: float
     margin: float
-    limit: str
+    limit: LimitId | None
     amount: float
     trust: float
     step: float
@@ -153,4 +154,4 @@ def _told(goal: Goal, design: Trial, trust: float, size: float, accepted: bool) 
     worst = design.worst
     margin = float(design.rows.margin[worst])
     amount = margin * float(design.rows.scale[worst])
-    return Step(goal.aim, goal.objective(design), margin, design.rows.name[worst], amount, trust, size, accepted)
+    return Step(goal.aim, goal.objective(design), margin, design.rows.limit[worst], amount, trust, size, accepted)

@@ -21,12 +21,13 @@ from harness_opt.design.sqp import Note
 from harness_opt.design.trial import Trial, Trials
 from harness_opt.errors import ProblemError
 from harness_opt.model.design import Design
+from harness_opt.model.limits import LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 
-LIMITS = ("clearance", "bend_radius", "twist", "clamp_force", "clamp_moment")
+LIMITS = tuple(kind.value for kind in LimitKind)
 AIMS = ("length", "change")
-FLOORS = ("clearance", "bend_radius")  # limits from below; the others are from above
+FLOORS = tuple(kind.value for kind in LimitKind if kind.is_least)
 EASY = 0.5  # of the limit: the easy end of the curve; of a limit from above, its inverse
 SAME = 1e-3  # relative: points nearer to each other in both quantities are one
 POINTS = 7
@@ -132,10 +133,10 @@ def _levels(trials: Trials, stepped: str, values: Array, note: Note, points: int
     first = trials(values, None)
     if first is None:
         return np.linspace(easy, limit, points)
-    best = search(trials, goal_of(trials.problem).margin(key.labels), first, note)
+    best = search(trials, goal_of(trials.problem).margin(key.sets), first, note)
     # margins are scaled, and ask for a little more than the limit
-    shortfall = max(-float(m) for m, name in zip(best.rows.margin, best.rows.name, strict=True) if name in key.labels)
-    scale = max(float(s) for s, name in zip(best.rows.scale, best.rows.name, strict=True) if name in key.labels)
+    own = np.array([limit in key.sets for limit in best.rows.limit])
+    shortfall, scale = float(np.max(-best.rows.margin[own])), float(np.max(best.rows.scale[own]))
     reached = key.value(shortfall, scale)
     better = reached > easy if stepped in FLOORS else reached < easy
     return np.linspace(easy, reached if better else limit, points)
@@ -143,7 +144,7 @@ def _levels(trials: Trials, stepped: str, values: Array, note: Note, points: int
 
 def _key(problem: Problem, name: str) -> LimitKey:
     """Return the key of ``[limits]`` called ``name``."""
-    return next(key for key in limit_keys(problem) if key.kind == name and key.part is None)
+    return next(key for key in limit_keys(problem) if key.kind is LimitKind(name) and key.part is None)
 
 
 def _design(problem: Problem, aim: str) -> Design:
@@ -156,7 +157,7 @@ def _design(problem: Problem, aim: str) -> Design:
 def _goal(given: Problem, posed: Problem, aim: str) -> Goal:
     """Return the goal of making ``aim`` as good as can be; changes count from the design given."""
     goal = goal_of(posed)
-    return goal if aim in AIMS else goal.margin(_key(given, aim).labels)
+    return goal if aim in AIMS else goal.margin(_key(given, aim).sets)
 
 
 def _point(end: Verified, posed: Problem, pair: tuple[str, str], level: float) -> Point:
@@ -176,8 +177,8 @@ def _measured(end: Verified, posed: Problem, name: str) -> float:
             dataclasses.replace(posed, design=dataclasses.replace(posed.design, minimise="change", maximise=None))
         )
         return float(np.sqrt(2.0 * goal.preference(end.trial.values) / max(float(goal.weights.sum()), 1e-300)))
-    own = {part for part, solid in posed.parts.items() if solid.clearance is not None}
-    worst = [row.worst for row in end.rows if row.name == name and row.part not in own]
+    own = {Obstacle(part) for part, solid in posed.parts.items() if solid.clearance is not None}
+    worst = [row.worst for row in end.rows if row.name == name and row.id.obstacle not in own]
     return min(worst) if name in FLOORS else max(worst)
 
 

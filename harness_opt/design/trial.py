@@ -14,6 +14,7 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.design.margins import Rows, linearised
 from harness_opt.errors import ProblemError, Status
 from harness_opt.model import design_variables
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.motion.follower import Progress
@@ -82,7 +83,7 @@ class Trials:
         self.problem, self.scene, self.solver, self.progress = problem, scene, solver, progress
         self.frames = place_frames(problem)
         # asked for beyond each limit, in its scale; verifications add to it
-        self.asked: defaultdict[str, float] = defaultdict(lambda: GUARD)
+        self.asked: defaultdict[LimitId, float] = defaultdict(lambda: GUARD)
         self.count = 0  # designs simulated
         self.cold = False  # whether every design starts from nothing, as its file will: where one shape leads elsewhere
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from harness_opt.errors import Status
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 
@@ -79,29 +80,44 @@ class LimitResult:
     """How one limit fared over the whole motion.
 
     Args:
-        name: "clearance", "bend_radius", "twist", "clamp_force" or "clamp_moment".
+        id: which limit.
         limit, worst: in SI units (twist in rad/m).
         margin: >= 0 holds; ``worst - limit`` for clearance and bend radius, ``limit - worst`` for the others.
-        cable: its name.
         frame, motion, arc_length: where the worst stands; the nearest frame, where that is between two.
-        part: name of the part, "cable:NAME" for another cable or for itself, or None.
         certified: True where no point between samples can be worse than ``worst`` by more than ``tolerance``.
         tolerance: in the unit of ``worst``.
         reason: why it is not certified, where it was tried.
     """
 
-    name: str
+    id: LimitId
     limit: float
     worst: float
     margin: float
-    cable: str
     frame: int
     motion: float
     arc_length: float
-    part: str | None
     certified: bool
     tolerance: float
     reason: str = ""
+
+    @property
+    def name(self) -> str:
+        """The kind of limit: "clearance", "bend_radius", "twist", "clamp_force" or "clamp_moment"."""
+        return str(self.id.kind.value)
+
+    @property
+    def cable(self) -> str:
+        """Name of the cable."""
+        return self.id.cable
+
+    @property
+    def part(self) -> str | None:
+        """What a clearance is measured to: name of the part, "cable:NAME" of a cable; None for other limits."""
+        return None if self.id.obstacle is None else self.id.obstacle.key
+
+    def scale(self, radius: float) -> float:
+        """Return what the margin is divided by to be comparable with others, SI; ``radius`` of the cable, m."""
+        return self.id.kind.scale(self.limit, radius)
 
 
 @dataclass(frozen=True)

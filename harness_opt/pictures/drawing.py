@@ -74,7 +74,7 @@ class Moment:
     @property
     def touched(self) -> set[str]:
         """Names of the parts that a cable runs into."""
-        return {pair.obstacle for pair in self.still.pairs if pair.worst < 0 and pair.obstacle in self.scene.parts}
+        return {pair.obstacle.name for pair in self.still.pairs if pair.worst < 0 and not pair.obstacle.is_cable}
 
     def pose(self, body: str) -> tuple[Array, Array]:
         """Return the position (3,) and quaternion (4,) of ``body``."""

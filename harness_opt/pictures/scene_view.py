@@ -175,7 +175,7 @@ class Act:
 
 def distance_words(pair: PairClearance) -> str:
     """Return how far a cable is from an obstacle at its nearest, such as "lead: 9.1 mm deep in bracket"."""
-    other = "itself" if pair.obstacle == f"cable:{pair.cable}" else pair.obstacle.removeprefix("cable:")
+    other = pair.obstacle.words(pair.cable)
     return f"{pair.cable}: {1e3 * abs(pair.worst):.1f} mm {'deep in' if pair.worst < 0 else 'to'} {other}"
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from harness_opt.clearance.limits import all_limits, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.model.limits import LimitKind
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -62,13 +63,6 @@ LETTER = 1.0  # mean width of a letter in pixels, for each point of its size
 KEY_ROOM = 0.09  # share of the picture's height kept free for the keys below
 PADDING = 9  # pixels around the words at the worst
 CHANGES_NAMED = 2  # design variables in a title
-UNITS = {  # by limit: factor, digits and name
-    "clearance": (1e3, ".1f", "mm"),
-    "bend_radius": (1e3, ".1f", "mm"),
-    "twist": (180 / math.pi, ".0f", "deg/m"),
-    "clamp_force": (1.0, ".3g", "N"),
-    "clamp_moment": (1.0, ".3g", "N m"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +83,7 @@ class View:
         """Where the worst stands: points (3,) on the cable and on the obstacle, world, m."""
         row = self.row
         for pair in self.moment.still.pairs:
-            if row.name == "clearance" and (pair.cable, pair.obstacle) == (row.cable, row.part):
+            if pair.id == row.id:
                 point = pair.nearest.point[0]
                 return point + pair.worst * pair.nearest.normal[0], point
         curve = curve_of(self.moment.motion.cables[row.cable])
@@ -279,7 +273,7 @@ def _write_words(plotter: pv.Plotter, view: View) -> None:
     row, moment, moves = view.row, view.moment, view.moment.motion.problem.moves
     words = [f"{row.cable}: {_value_words(row)}"]
     if row.limit:
-        words.append(f"limit {_quantity(row.name, row.limit)} {'violated' if view.violated else 'held'}")
+        words.append(f"limit {_quantity(row.id.kind, row.limit)} {'violated' if view.violated else 'held'}")
     if moves:
         words.append(f"at {100 * row.motion:.0f} % of the motion")
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True
@@ -327,16 +321,14 @@ def _changes(design: Redesign) -> str:
     return ", ".join(words) + more or "nothing changed"
 
 
-def _quantity(name: str, value: float) -> str:
-    factor, digits, unit = UNITS[name]
-    return f"{value * factor:{digits}} {unit}"
+def _quantity(kind: LimitKind, value: float) -> str:
+    """Return an SI value of a limit in the unit shown, to as many digits as a picture has room for."""
+    shown = value * kind.from_si * kind.unit.factor
+    return f"{shown:.{min(kind.unit.digits, 1)}f} {kind.unit.name}"
 
 
 def _value_words(row: LimitResult) -> str:
-    if row.name != "clearance":
-        return f"{row.name.replace('_', ' ')} {_quantity(row.name, row.worst)}"
-    other = row.part or ""
-    if other == f"cable:{row.cable}":
-        other = "itself"
-    other = other.removeprefix("cable:")
-    return f"{_quantity(row.name, abs(row.worst))} {'deep in' if row.worst < 0 else 'to'} {other}"
+    kind, obstacle = row.id.kind, row.id.obstacle
+    if obstacle is None:
+        return f"{kind.words} {_quantity(kind, row.worst)}"
+    return f"{_quantity(kind, abs(row.worst))} {'deep in' if row.worst < 0 else 'to'} {obstacle.words(row.cable)}"

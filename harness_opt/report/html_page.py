@@ -20,6 +20,7 @@ import numpy as np
 from harness_opt.clearance.limits import all_limits, bending, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.results import Motion
@@ -143,7 +144,7 @@ def _most_bent(motion: Motion) -> int:
 # --- the page ------------------------------------------------------------------------------------------
 
 
-def html(report: Report, summary: Mapping[str, Any], texts: Mapping[str, str] | None = None) -> str:
+def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = None) -> str:
     """Return the page.
 
     Args:
@@ -215,7 +216,7 @@ def _modes(measured: ClearanceResult) -> list[tuple[str, str]]:
     return [mode for mode in modes if measured.pairs or mode[0] != "clearance"]
 
 
-def _facts(motion: Motion, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _facts(motion: Motion, summary: Summary) -> list[tuple[str, str]]:
     problem = motion.problem
     lengths = ", ".join(f"{1e3 * run.cable.length:.1f} mm" for run in problem.cables.values())
     return [
@@ -258,7 +259,7 @@ def _texts(report: Report) -> dict[str, str]:
     return {f"{problem.file.name} (as it was understood)": problem_text(problem, problem.file)[0]}
 
 
-def _footer(summary: Mapping[str, Any]) -> str:
+def _footer(summary: Summary) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
     file, sha = summary["problem"]["file"], summary["problem"]["sha256"]
     source = f" From {Path(file).name}, SHA-256 {sha}." if file else ""
@@ -266,7 +267,7 @@ def _footer(summary: Mapping[str, Any]) -> str:
     return f"Written {datetime.date.today().isoformat()} by {versions}.{source} Time: {seconds}."
 
 
-def write_page(report: Report, summary: Mapping[str, Any], folder: Path) -> str:
+def write_page(report: Report, summary: Summary, folder: Path) -> str:
     """Write the page into ``folder``, with the redesigned problem file that lies there, and return its name."""
     texts = _texts(report)
     redesigned = folder / "redesigned.toml"

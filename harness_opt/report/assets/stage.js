@@ -85,7 +85,7 @@ class Act {
     }
     if (!best) return this.extreme("bend");
     const { pair, clearance } = best, points = pair.points.subarray(6 * this.frame, 6 * this.frame + 6);
-    const other = pair.obstacle === `cable:${pair.cable}` ? "itself" : pair.obstacle.replace(/^cable:/, "");
+    const other = pair.other;
     const size = `${(1000 * Math.abs(clearance)).toFixed(1)} mm`;
     return {
       from: [...points.subarray(0, 3)],
@@ -157,7 +157,7 @@ class Stage {
   }
 
   drawParts(act, options, theme) {
-    const touched = new Set(act.nearest.filter((pair) => pair.clearance[act.frame] < 0).map((pair) => pair.obstacle));
+    const touched = new Set(act.nearest.filter((pair) => pair.clearance[act.frame] < 0).map((pair) => pair.part));
     if (options.parts === "none") return;
     const clear = (part) => options.parts === "glass" || touched.has(part.name);
     for (const part of [...this.parts].sort((a, b) => clear(a) - clear(b))) {
