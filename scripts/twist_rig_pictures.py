@@ -14,6 +14,7 @@ from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
 from harness_opt.pictures import drawing
 from harness_opt.pictures.opengl import drawable, load_pyvista
+from harness_opt.report import colours
 
 SHOWN = (0.98, 0.8, 0.6, 0.4, 0.2)  # distances of the ends
 PIXELS = 3_200  # a metre, in the large pictures
@@ -37,8 +38,8 @@ def sheet(file: Path, runs: Sequence[Run], names: Sequence[str], title: str, wid
         width: pixels; None leaves it at PIXELS a metre.
     """
     pyvista = load_pyvista()
-    moments = [[_moment(found, distance) for distance in SHOWN] for found in runs]
-    boxes = np.array([[_box(moment) for moment in line] for line in moments])  # (rows, columns, low and high, 2)
+    moments = [[_drawn_frame(found, distance) for distance in SHOWN] for found in runs]
+    boxes = np.array([[_box(shown) for shown in line] for line in moments])  # (rows, columns, low and high, 2)
     low, high = boxes[..., 0, :], boxes[..., 1, :]
     wide = np.maximum(np.max(high[..., 0] - low[..., 0], axis=0) + 2 * ROOM, NARROW)
     tall = np.max(high[..., 1] - low[..., 1], axis=1) + 2 * ROOM + FOOTER
@@ -62,14 +63,14 @@ def sheet(file: Path, runs: Sequence[Run], names: Sequence[str], title: str, wid
         plotter.subplot(line + 1, 0)
         plotter.set_background("white")
         _write(plotter, names[line], (0.06, 0.5), 18 * letter)
-        for column, moment in enumerate(moments[line]):
+        for column, shown in enumerate(moments[line]):
             plotter.subplot(line + 1, column + 1)
             plotter.set_background("white")
             middle = 0.5 * (low[line, column] + high[line, column]) - (0.0, 0.5 * FOOTER)
             _aim(plotter, middle, tall[line])
             _write(plotter, _words(found, column), (0.04, 0.02), 12.5 * letter)
-            if moment is not None:
-                _draw(plotter, moment)
+            if shown is not None:
+                _draw(plotter, shown)
                 plotter.reset_camera_clipping_range()
     plotter.screenshot(file)
     plotter.close()
@@ -82,9 +83,9 @@ def _frame(found: Run, distance: float) -> int | None:
     return int(near[0]) if len(near) else None
 
 
-def _moment(found: Run, distance: float) -> drawing.Moment | None:
+def _drawn_frame(found: Run, distance: float) -> drawing.DrawnFrame | None:
     frame = _frame(found, distance)
-    return None if frame is None else drawing.Moment.of(found.motion, load_scene(found.motion.problem), frame)
+    return None if frame is None else drawing.DrawnFrame.of(found.motion, load_scene(found.motion.problem), frame)
 
 
 def _axes() -> Array:
@@ -93,13 +94,13 @@ def _axes() -> Array:
     return np.array([[0.0, 1.0, 0.0], [-sine, 0.0, cosine], [cosine, 0.0, sine]])
 
 
-def _box(moment: drawing.Moment | None) -> Array:
+def _box(shown: drawing.DrawnFrame | None) -> Array:
     """Return the lower left and the upper right (2, 2), m, of what a cell has to hold, in the plane of view."""
-    if moment is None:
+    if shown is None:
         return np.zeros((2, 2))
-    shapes = moment.motion.cables[CABLE]
-    place = shapes.position[moment.frame]
-    out = CLAMP * rotations.tangent(shapes.quaternion[moment.frame, [0, -1]]) * ((-1.0,), (1.0,))
+    shapes = shown.motion.cables[CABLE]
+    place = shapes.position[shown.frame]
+    out = CLAMP * rotations.tangent(shapes.quaternion[shown.frame, [0, -1]]) * ((-1.0,), (1.0,))
     flat = np.vstack([place, place[[0, -1]] + out]) @ _axes()[:2].T
     return np.array([flat.min(axis=0), flat.max(axis=0)])
 
@@ -114,11 +115,11 @@ def _aim(plotter: Any, middle: Array, height: float) -> None:
     plotter.enable_anti_aliasing("ssaa")
 
 
-def _draw(plotter: Any, moment: drawing.Moment) -> None:
+def _draw(plotter: Any, shown: drawing.DrawnFrame) -> None:
     """Draw the cable, red where it touches itself, and the clamps; half of all surfaces is light, to show the twist."""
-    shapes, frame = moment.motion.cables[CABLE], moment.frame
-    radius = moment.motion.problem.cables[CABLE].cable.radius
-    points, colours = drawing.cable_colours(moment, CABLE)
+    shapes, frame = shown.motion.cables[CABLE], shown.frame
+    radius = shown.motion.problem.cables[CABLE].cable.radius
+    points, colours = drawing.cable_colours(shown, CABLE)
     plotter.add_mesh(_surface(points, colours, shapes, frame, radius), scalars="colour", rgb=True, **drawing.TUBE)
     for station, sign, colour in ((0, -1.0, FIXED), (-1, 1.0, CHUCK)):
         place, q = shapes.position[frame, station], shapes.quaternion[frame, station]
@@ -141,10 +142,10 @@ def _surface(points: Array, colours: Array, shapes: Any, frame: int, radius: flo
     around = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     grid = points[None] + radius * rotations.rotate(q[None], around[:, None])
     surface = load_pyvista().StructuredGrid(*np.moveaxis(grid, -1, 0)[..., None])
-    halves = np.where(np.cos(0.5 * (angle[1:] + angle[:-1]))[:, None, None] > 0, drawing.rgb(LIGHT), drawing.rgb(DARK))
-    touches = np.all(colours == drawing.rgb(drawing.TOUCHES), axis=1)
+    halves = np.where(np.cos(0.5 * (angle[1:] + angle[:-1]))[:, None, None] > 0, colours.rgb(LIGHT), colours.rgb(DARK))
+    touches = np.all(colours == colours.rgb(colours.TOUCHES), axis=1)
     touches = touches[1:] | touches[:-1]
-    painted = np.where(touches[None, :, None], drawing.rgb(drawing.TOUCHES), halves)
+    painted = np.where(touches[None, :, None], colours.rgb(colours.TOUCHES), halves)
     surface.cell_data["colour"] = painted.transpose(1, 0, 2).reshape(-1, 3).astype(np.uint8)
     return surface.extract_surface(algorithm=None).compute_normals(split_vertices=False, cell_normals=False)
 
@@ -166,7 +167,7 @@ def _words(found: Run, column: int) -> str:
 
 
 def _write(plotter: Any, words: str, at: tuple[float, float], size: float) -> None:
-    text = plotter.add_text(words, position=at, viewport=True, font_size=max(4, round(size)), color=drawing.INK)
+    text = plotter.add_text(words, position=at, viewport=True, font_size=max(4, round(size)), color=colours.INK)
     text.prop.background_color, text.prop.background_opacity = "white", 0.7
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib.util
 import pkgutil
 import subprocess
@@ -91,17 +90,9 @@ def test_public_names_resolve_in_any_order(names_first):
         f"import importlib, types; import harness_opt as ho; rooms = {ROOMS!r}; {'; '.join(steps)};"
         "assert not [name for name in ho.__all__ if isinstance(getattr(ho, name), types.ModuleType)];"
         "assert callable(ho.equilibrium) and callable(ho.simulate) and callable(ho.redesign);"
-        "assert set(ho.__all__) <= set(dir(ho))",
+        "assert set(ho.__all__) == set(dir(ho)) and len(ho.__all__) > 40",
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_type_checkers_are_told_the_same_names():
-    """The package has its public names in two lists: one that is run, and one for type checkers."""
-    tree = ast.parse(Path(harness_opt.__file__).read_text(encoding="utf-8"))
-    (block,) = (node for node in tree.body if isinstance(node, ast.If))
-    told = {(node.module, name.name) for node in block.body if isinstance(node, ast.ImportFrom) for name in node.names}
-    assert told == {(room, name) for name, room in harness_opt._ROOM_OF.items()}
 
 
 def test_an_unknown_name_is_an_attribute_error():

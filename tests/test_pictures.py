@@ -32,9 +32,11 @@ from harness_opt.pictures import drawing, opengl
 from harness_opt.pictures import film as animation
 from harness_opt.pictures import stills as pictures
 from harness_opt.pictures.camera import TITLE_ROOM, Camera
-from harness_opt.pictures.drawing import CABLES, SIZE, TOUCHES, Moment
-from harness_opt.pictures.stills import AFTER
+from harness_opt.pictures.drawing import SIZE, DrawnFrame
+from harness_opt.pictures.stills import CABLES_AFTER
 from harness_opt.pictures.window import Window
+from harness_opt.report import colours
+from harness_opt.report.colours import CABLES, TOUCHES
 from harness_opt.report.result_files import write_results
 
 UP, ALONG = (tuple(rotations.from_tangent(way)) for way in ((0, 0, 1), (1, 0, 0)))
@@ -162,7 +164,7 @@ def test_what_is_run_into_is_glass_and_the_cable_red_in_it(pyvista, two_cables):
     plotter.close()
     assert {name for name, value in opacity.items() if value < 1} == {"mast"}
     points, colours = drawing.cable_colours(view.moment, view.row.cable)
-    red = np.all(colours == drawing.rgb(TOUCHES), axis=1)
+    red = np.all(colours == colours.rgb(TOUCHES), axis=1)
     radius = two_cables.problem.cables[view.row.cable].cable.radius
     inside = np.hypot(points[:, 0], points[:, 1]) < 0.02 + radius
     assert np.array_equal(red, inside & (points[:, 2] < 0.2 + radius))
@@ -181,7 +183,7 @@ def test_before_and_after_stand_side_by_side(pyvista, design, tmp_path):
     assert image.shape == (SIZE[1], SIZE[0], 3)
     left, right = np.split(image, 2, axis=1)
     assert like(left, TOUCHES) > 500 and like(left, CABLES[0]) > 300
-    assert like(right, TOUCHES) == 0 and like(right, AFTER[0]) > 300
+    assert like(right, TOUCHES) == 0 and like(right, CABLES_AFTER[0]) > 300
 
 
 def test_both_views_have_one_camera(pyvista, design):
@@ -232,7 +234,7 @@ def test_camera_sees_the_cables_at_all_moments(pyvista, two_cables):
 
 
 def test_camera_looks_across_the_plane_of_the_motion(pyvista, design):
-    moment = Moment.of(design.motion, load_scene(design.problem), 0)
+    moment = DrawnFrame.of(design.motion, load_scene(design.problem), 0)
     camera = Camera.of([moment], {name: drawing.solid(part) for name, part in moment.scene.parts.items()}, 1.0)
     assert abs(camera.back[1]) > 0.85, "the hinge's axis is y"
 
@@ -303,13 +305,13 @@ def test_window_steps_and_plays(pyvista, folder):
 
 def shades(window: Window, cable: str) -> np.ndarray:
     """Return the distinct colours (n, 3) of a cable in the last view of a window."""
-    return np.unique(window.acts[-1].renderer.actors[f"cable:{cable}"].mapper.dataset.point_data["colour"], axis=0)
+    return np.unique(window.views[-1].renderer.actors[f"cable:{cable}"].mapper.dataset.point_data["colour"], axis=0)
 
 
 def test_window_colours_by_what_is_asked(pyvista, folder, two_cables):
     motion, _, worst = read_motion(folder)
     window = Window(motion, worst, off_screen=True)
-    allowed = {tuple(drawing.rgb(hex_)) for hex_ in (*CABLES[:2], TOUCHES, drawing.SHORT)}
+    allowed = {tuple(colours.rgb(hex_)) for hex_ in (*CABLES[:2], TOUCHES, colours.SHORT)}
     assert {tuple(colour) for colour in shades(window, "power")} <= allowed
     for mode, title in (("bend", "Bend radius"), ("twist", "Twist"), ("clearance", "Clearance")):
         window.colour_by(mode)
@@ -331,9 +333,9 @@ def test_window_colours_by_what_is_asked(pyvista, folder, two_cables):
 def test_window_points_at_what_is_nearest(pyvista, folder):
     motion, _, worst = read_motion(folder)
     window = Window(motion, worst, off_screen=True)
-    act = window.acts[0]
-    tight = min(act.moment(window.frame).still.pairs, key=lambda pair: pair.worst - pair.limit)
-    ends = act.renderer.actors["witness"].mapper.dataset.points
+    view = window.views[0]
+    tight = min(view.drawn(window.frame).still.pairs, key=lambda pair: pair.worst - pair.limit)
+    ends = view.renderer.actors["witness"].mapper.dataset.points
     assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(abs(tight.worst), rel=1e-4)
     window.plotter.close()
 
@@ -345,7 +347,7 @@ def test_window_hides_and_shows(pyvista, folder):
         for wanted in (True, False):
             setattr(window, name, wanted)
             window.go(0.5)
-            actors = window.acts[0].renderer.actors
+            actors = window.views[0].renderer.actors
             found = [bool(actor.visibility) for key, actor in actors.items() if key.startswith(kind)]
             assert found and set(found) == {wanted}
     window.plotter.close()
@@ -358,14 +360,14 @@ def test_window_shows_before_and_after_side_by_side(pyvista, design, tmp_path):
     assert motion.problem.cables["lead"].cable.length == design.problem.cables["lead"].cable.length
     assert before.problem.cables["lead"].cable.length == 0.2
     window = Window(motion, worst, before=before, off_screen=True)
-    shown = [names(act.renderer.actors, "part") | names(act.renderer.actors, "cable") for act in window.acts]
+    shown = [names(view.renderer.actors, "part") | names(view.renderer.actors, "cable") for view in window.views]
     assert shown == [{"post", "lead"}] * 2
     cameras = [renderer.camera for renderer in window.plotter.renderers]
     assert cameras[0].position == cameras[1].position
     window.go(0.0)
     image = window.picture().astype(int)
     left, right = np.split(image, 2, axis=1)
-    assert like(left, CABLES[0]) > 300 and like(right, AFTER[0]) > 300
+    assert like(left, CABLES[0]) > 300 and like(right, CABLES_AFTER[0]) > 300
     window.plotter.close()
 
 

@@ -18,7 +18,7 @@ from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.cli import redesign as redesign_command
 from harness_opt.cli.commands import main
-from harness_opt.design import trial as trials
+from harness_opt.design import evaluation
 from harness_opt.design.result import Earlier
 from harness_opt.design.sqp import Step
 from harness_opt.model import design_variables
@@ -362,6 +362,6 @@ def test_quantities_that_cannot_be_traded(here, capsys, pair):
 
 
 def test_a_quantity_without_a_limit_is_refused_at_once(here, capsys, monkeypatch):
-    monkeypatch.setattr(trials.Trials, "__call__", None)
+    monkeypatch.setattr(evaluation.Evaluator, "__call__", None)
     assert main(["redesign", put(HIT), *PLAIN, "--pareto", "length,clamp_force"]) == 2
     assert "limits.clamp_force: found none, expected one to trade in --pareto" in capsys.readouterr().err

@@ -19,7 +19,7 @@ from harness_opt.model.design import Design, Variable
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
-from harness_opt.studies.shared_problem import Shared, Workbench
+from harness_opt.studies.shared_problem import LocalProblem, Shared
 from harness_opt.studies.study import plan
 from harness_opt.studies.study_file import read_study
 from harness_opt.studies.variations import Variations, expand
@@ -216,14 +216,14 @@ def test_methods_and_what_goes_with_them(arguments, words):
 # --- parts and files of a worker ------------------------------------------------------------------------
 
 
-def test_a_workbench_moves_meshes_as_a_problem_does(tmp_path):
+def test_a_local_problem_moves_meshes_as_a_problem_does(tmp_path):
     given = ho.read_problem(LIFT_ARM)
     values = {"parts.bracket.position.z": 0.003, "parts.bracket.rotate_y_deg": 20.0}
     planned = plan(given, [values, {}])
-    bench = Workbench(planned.shared)
+    local = LocalProblem(planned.shared)
     for variant in (values, {}, values):
-        problem = bench.problem(variant)
-        mine, peer = bench.scene(problem), load_scene(problem)
+        problem = local.problem(variant)
+        mine, peer = local.scene(problem), load_scene(problem)
         assert mine.parts.keys() == peer.parts.keys()
         points = np.random.default_rng(1).uniform(-0.1, 0.2, (40, 3))
         for name in peer.parts:
@@ -237,17 +237,17 @@ def test_a_workbench_moves_meshes_as_a_problem_does(tmp_path):
 def test_a_worker_without_the_files_takes_those_that_were_sent(tmp_path, monkeypatch, folder):
     from problem_files import CONTRACT, written
 
-    from harness_opt.studies import shared_problem as workbench
+    from harness_opt.studies import shared_problem
 
-    monkeypatch.setattr(workbench.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
+    monkeypatch.setattr(shared_problem.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     shared = plan(written(folder, CONTRACT), [{"cables.lead.length": 0.43}]).shared
     ((path, digest),) = shared.paths().items()
     content = path.read_bytes()
     assert bench_part(shared).path == path
     path.write_bytes(content + b" ")
     with pytest.raises(ProblemError, match=r"housing\.stl: found no such file, or another, on this machine"):
-        Workbench(shared)
-    sent = workbench.carried_folder(digest) / path.name
+        LocalProblem(shared)
+    sent = shared_problem.carried_folder(digest) / path.name
     sent.parent.mkdir(parents=True)
     sent.write_bytes(content)
     assert bench_part(shared).path == sent
@@ -256,7 +256,7 @@ def test_a_worker_without_the_files_takes_those_that_were_sent(tmp_path, monkeyp
 
 
 def bench_part(shared: Shared) -> ho.MeshFile:
-    return Workbench(shared).problem({"cables.lead.length": 0.43}).parts["housing"].shape
+    return LocalProblem(shared).problem({"cables.lead.length": 0.43}).parts["housing"].shape
 
 
 # --- study files ----------------------------------------------------------------------------------------

@@ -464,15 +464,22 @@ def completion(shell: str) -> int:
 
 
 @commands.command()
-def schema() -> int:
-    """Print the JSON Schema of problem files, for editors.
+@click.option("--results", "kind", flag_value="results", help="Of summary.json in a result folder.")
+@click.option("--study", "kind", flag_value="study", help="Of study files.")
+def schema(kind: str | None) -> int:
+    """Print the JSON Schema of problem files, for editors; of results and of study files, where asked.
 
     \b
     harness-opt schema > problem.schema.json
+    harness-opt schema --results > summary.schema.json
     """
     import json
 
-    from harness_opt.files.read import schema
-
-    _say(json.dumps(schema(), indent=2))
+    if kind == "results":
+        from harness_opt.files.summary import results_schema as wanted
+    elif kind == "study":
+        from harness_opt.studies.study_file import schema as wanted
+    else:
+        from harness_opt.files.read import schema as wanted
+    _say(json.dumps(wanted(), indent=2))
     return 0

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness_opt.design.evaluation import Evaluated
 from harness_opt.design.limit_keys import is_between_cables, limit_keys
-from harness_opt.design.objective import Goal
-from harness_opt.design.trial import Trial
+from harness_opt.design.objective import Objective
 from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import solve
@@ -49,22 +49,22 @@ class Price:
     buys: Mapping[str, float]
 
 
-def prices(problem: Problem, goal: Goal, best: Trial) -> tuple[Price, ...]:
+def prices(problem: Problem, objective: Objective, best: Evaluated) -> tuple[Price, ...]:
     """Return what costs something at the best design: limits, then bounds.
 
     Args:
         problem: whose keys they are.
-        goal: of its redesign.
+        objective: of its redesign.
         best: where that ended.
     """
-    program, limits = goal.program(best, NEAR)
+    program, limits = objective.program(best, NEAR)
     answer = solve(program)
     of = problem.design.maximise or problem.design.minimise
-    objective = goal.objective(best)
-    if of == "change" and objective <= 0.0:
+    reached = objective.value(best)
+    if of == "change" and reached <= 0.0:
         return ()
     whole = sum(run.cable.length for run in problem.cables.values())
-    worth = {"change": 0.5 / objective if objective else 0.0, "length": whole, "margin": 1.0}[of]
+    worth = {"change": 0.5 / reached if reached else 0.0, "length": whole, "margin": 1.0}[of]
     found = []
     for key in limit_keys(problem):
         # one key a limit: a part's own clearance where there is one, the general limit for cables
@@ -81,15 +81,15 @@ def prices(problem: Problem, goal: Goal, best: Trial) -> tuple[Price, ...]:
     for number, multiplier in enumerate(answer.bounds):
         variable, side = problem.design.variables[number], 1 if multiplier > 0 else -1
         bound = variable.upper if side > 0 else variable.lower
-        at_bound = abs(best.values[number] - bound) < AT_BOUND * goal.range[number]
+        at_bound = abs(best.values[number] - bound) < AT_BOUND * objective.range[number]
         if at_bound and abs(multiplier) * worth > LEAST:
-            saves = worth * abs(float(multiplier)) / goal.range[number]
+            saves = worth * abs(float(multiplier)) / objective.range[number]
             kind = "upper" if side > 0 else "lower"
             found.append(Price(f"design.variables.{variable.name}", kind, None, bound, float(saves), of, {}))
     return tuple(found)
 
 
-def _tightest(trial: Trial, limits: frozenset[LimitId]) -> int:
+def _tightest(trial: Evaluated, limits: frozenset[LimitId]) -> int:
     """Return the number of the row with the smallest margin among those of ``limits``."""
     own = [number for number, limit in enumerate(trial.rows.limit) if limit in limits]
     return min(own, key=lambda number: float(trial.rows.margin[number]))

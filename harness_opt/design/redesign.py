@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from harness_opt.design import nominal
+from harness_opt.design.evaluation import GUARD
 from harness_opt.design.nominal import Watch
 from harness_opt.design.result import Earlier, Redesign
 from harness_opt.design.robustness import Robustness, Within, within
-from harness_opt.design.trial import GUARD
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model.design import Robust
 from harness_opt.model.limits import LimitId

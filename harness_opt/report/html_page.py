@@ -25,8 +25,7 @@ from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.results import Motion
 from harness_opt.parts.scene import Scene, load_scene
-from harness_opt.report import charts
-from harness_opt.report import colours as colour_keys
+from harness_opt.report import charts, colours
 from harness_opt.report import page_rows as report_words
 from harness_opt.report.data_sheet import data_sheets
 from harness_opt.report.scene_data import part_data, scene_data, view_data
@@ -39,8 +38,6 @@ Json = dict[str, Any]
 
 FILE = "report.html"
 SCRIPTS = ("geometry.js", "view.js", "stage.js", "page.js")  # in the order they are read
-COLOURS = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # of cables, as in the pictures
-COLOURS_AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,25 +108,26 @@ def _stage(
     motion: Motion, measured: ClearanceResult, given: tuple[Motion, ClearanceResult] | None, scene: Scene
 ) -> Json:
     """Return what the scene is drawn from."""
-    acts = [(motion, measured)] if given is None else [given, (motion, measured)]
-    share = 1.0 / len(acts)
-    scenes = [scene_data(one, scene, clearances, share) for one, clearances in acts]
+    results = [(motion, measured)] if given is None else [given, (motion, measured)]
+    share = 1.0 / len(results)
+    scenes = [scene_data(one, scene, clearances, share) for one, clearances in results]
     titles = [""] if given is None else ["Before", "After"]
-    palettes = [COLOURS] if given is None else [COLOURS, COLOURS_AFTER]
-    for act, title, palette in zip(scenes, titles, palettes, strict=True):
-        act |= {"title": title, "colours": palette}
+    palettes = [colours.CABLES] if given is None else [colours.CABLES, colours.CABLES_AFTER]
+    for entry, title, palette in zip(scenes, titles, palettes, strict=True):
+        entry |= {"title": title, "colours": palette}
     worst = []
-    for one, clearances in acts:
+    for one, clearances in results:
         rows = all_limits(one.problem, one, clearances)
         frame = most_urgent(one.problem, rows).frame if rows else _most_bent(one)
         worst.append(float(one.motion[frame]))
-    shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in acts]
+    shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in results]
     return {
         "scenes": scenes,
         "parts": part_data(motion, scene),
         "view": view_data(shown),
-        "scales": {mode: dataclasses.asdict(key) for mode, key in colour_keys.keys(acts).items()},
-        "ramp": colour_keys.RAMP,
+        "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
+        "ramp": colours.RAMP,
+        "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
         "duration": motion.problem.duration,
         "worst": worst[0],
         "begin": worst[0],
@@ -186,7 +184,7 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         moments=[(charts.place(at), f"{100 * at:.0f}") for at in (0.0, 0.25, 0.5, 0.75, 1.0)],
         modes=_modes(report.measured),
         cables=list(motion.cables),
-        colours=COLOURS if report.given is None else COLOURS_AFTER,
+        colours=colours.CABLES if report.given is None else colours.CABLES_AFTER,
         triads=True,
         scene_notes=list(_scene_notes(data)),
         sheets=report_words.sheet_rows(motion, data_sheets(motion)) if len(motion.motion) else None,
@@ -234,10 +232,10 @@ def _scene_notes(data: Json) -> list[str]:
     if "scenes" not in data:
         return []
     notes = ["Drag to turn, shift-drag to move, click and scroll to zoom; arrow keys step from frame to frame."]
-    for act in data["scenes"]:
-        if len(act["frames"]) < act["solved"]:
-            which = f"{act['title']}: " if act["title"] else ""
-            notes.append(f"{which}{len(act['frames'])} of the {act['solved']} solved frames are drawn here.")
+    for entry in data["scenes"]:
+        if len(entry["frames"]) < entry["solved"]:
+            which = f"{entry['title']}: " if entry["title"] else ""
+            notes.append(f"{which}{len(entry['frames'])} of the {entry['solved']} solved frames are drawn here.")
     coarse = [part["name"] for part in data["parts"] if part["triangles"] < 0.9 * part["triangles_of"]]
     if coarse:
         notes.append(f"Drawn with fewer triangles than were measured against: {', '.join(coarse)}.")

@@ -9,6 +9,7 @@ from harness_opt.design.trade_off import AIMS, FLOORS, TradeOff
 from harness_opt.files.read import write_problem
 from harness_opt.files.summary import TradeOffEntry
 from harness_opt.model.limits import MILLIMETRES, LimitKind, Unit
+from harness_opt.report.colours import VERIFIED, VIOLATED
 
 TABLE, PLOT = "pareto.csv", "pareto.png"
 AIM_UNITS = {"length": MILLIMETRES, "change": Unit("", 1.0, 2)}  # in which aims are plotted
@@ -80,9 +81,9 @@ def _plot(curve: TradeOff, file: Path) -> None:
     held = [point.verified for point in curve.points]
     good = [[v for v, ok in zip(column, held, strict=True) if ok] for column in columns]
     bad = [[v for v, ok in zip(column, held, strict=True) if not ok] for column in columns]
-    axes.plot(good[1], good[0], "o-", color="#1f6fb4", label="verified designs")
+    axes.plot(good[1], good[0], "o-", color=VERIFIED, label="verified designs")
     if bad[0]:
-        axes.plot(bad[1], bad[0], "x", color="#b2182b", label="limits violated")
+        axes.plot(bad[1], bad[0], "x", color=VIOLATED, label="limits violated")
         axes.legend()
     better = "more" if curve.second in FLOORS else "less"
     axes.set_xlabel(f"{labels[1]} ({better} is better)")

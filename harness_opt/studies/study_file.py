@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from harness_opt.errors import ProblemError
 from harness_opt.files.places import unreadable
 from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
-from harness_opt.files.schema import structured
+from harness_opt.files.schema import schema_of, structured
 from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
 from harness_opt.files.values import Expected, Number, Table, Text, Whole, dotted, one_of, only_integer, shown
 from harness_opt.model.tolerances import Tolerance
@@ -109,6 +109,11 @@ def read_study(path: str | os.PathLike[str]) -> StudyFile:
             except ProblemError as error:
                 mistakes += error.mistakes
     raise ProblemError(f"{file}: {line}" for line in mistakes)
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of study files."""
+    return schema_of(StudyTable, "Study file of harness-opt")
 
 
 def _spread(given: SpreadTable) -> Tolerance | list[Any]:

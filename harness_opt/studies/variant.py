@@ -21,7 +21,7 @@ from harness_opt.errors import CompilerError, ProblemError
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics.machine_code import compiled, wanted
 from harness_opt.report.summary import verdict
-from harness_opt.studies.shared_problem import Shared, version, workbench
+from harness_opt.studies.shared_problem import Shared, local_problem, version
 
 REFUSED = "refused"  # the values make no problem: a cable too short for its clamps, say
 FAILED = "failed"  # something broke that should not have
@@ -120,15 +120,15 @@ def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> Va
     Raises:
         ProblemError: the values make no problem.
     """
-    bench = workbench(shared)
-    problem = bench.problem(values)
+    local = local_problem(shared)
+    problem = local.problem(values)
     if shared.command == "redesign":
         result: Any = redesign(problem, throw=False)
         motion, rows = result.motion, result.limits
         after = {name: variable.after for name, variable in result.variables.items()}
     else:
         result = motion = simulate(problem, throw=False)
-        rows, after = all_limits(problem, motion, clearances(motion, bench.scene(problem))), {}
+        rows, after = all_limits(problem, motion, clearances(motion, local.scene(problem))), {}
     shares = {row.id: row.margin / row.scale(problem.cables[row.cable].cable.radius) for row in rows}
     worst = min(shares, key=shares.__getitem__, default=None)
     return VariantResult(

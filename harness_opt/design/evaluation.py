@@ -1,4 +1,4 @@
-"""Trial designs of a redesign: each simulated over the motion, measured, and linearised."""
+"""Evaluated designs of a redesign: each simulated over the motion, measured, and linearised."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SNAP_COST = 1.0  # of a snap, in scales of a limit: snaps are not for designing 
 
 
 @dataclass(frozen=True)
-class Trial:
+class Evaluated:
     """One simulated design.
 
     Args:
@@ -40,7 +40,7 @@ class Trial:
         indices: which of the motion's frames were solved.
         sweeps: by cable.
         motion, clearances: of these frames.
-        rates: of the shapes, by cable; empty where only a look was asked for.
+        rates: of the shapes, by cable; empty where only a quick look was asked for.
         rows: the limits, scaled and linearised.
     """
 
@@ -69,7 +69,7 @@ class Trial:
         return int(np.argmin(self.rows.margin))
 
 
-class Trials:
+class Evaluator:
     """Simulates designs of one problem.
 
     Args:
@@ -87,14 +87,16 @@ class Trials:
         self.count = 0  # designs simulated
         self.cold = False  # whether every design starts from nothing, as its file will: where one shape leads elsewhere
 
-    def __call__(self, values: Array, near: Trial | None, *, stride: int = 1, look: bool = False) -> Trial | None:
+    def __call__(
+        self, values: Array, near: Evaluated | None, *, stride: int = 1, quick: bool = False
+    ) -> Evaluated | None:
         """Simulate the design ``values`` (k,); None where it cannot be simulated.
 
         Args:
             values: of the variables.
             near: a design whose shapes to start from.
             stride: only every so many of the motion's frames are solved, and the last.
-            look: leave the derivatives out.
+            quick: leave the derivatives and the stability of shapes out.
 
         Raises:
             KeyboardInterrupt: raised by ``progress``.
@@ -110,7 +112,7 @@ class Trials:
                 guesses = [close.get(index) for index in indices]
                 sweeps[name] = sweep(
                     changed, name, motion_values, solver=self.solver, guesses=guesses,
-                    rigour="look" if look else "stable", progress=self.progress,
+                    rigour="look" if quick else "stable", progress=self.progress,
                 )  # fmt: skip
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
@@ -121,9 +123,9 @@ class Trials:
         motion = collect(changed, motion_values, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
         clearances = measure(changed, self.scene, motion_values, motion.cables)
         rates = {}
-        if not look:
+        if not quick:
             for name, swept in sweeps.items():
                 clamps = design_variables.clamp_rates(self.problem, name, values, motion_values)
                 rates[name] = shape_rates(swept, clamps, motion.cables[name].s / swept.units.length, exact=False)
         rows = linearised(changed, motion, clearances, rates, self.asked, len(values))
-        return Trial(values, indices, sweeps, motion, clearances, rates, rows)
+        return Evaluated(values, indices, sweeps, motion, clearances, rates, rows)
