@@ -73,7 +73,8 @@ def clearance_along(motion: Motion, scene: Scene, pair: PairClearance, points: P
     if other == name:  # what is near along the cable is near, as `clearance.measure` says
         gap = arc_apart(own.radius, problem.limits.clearance)
         apart = np.where(np.abs(points.s[:, None] - shapes.s) < gap, np.inf, apart)
-    return apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
+    found: Array = apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
+    return found
 
 
 def states(

@@ -19,12 +19,14 @@ STRAIGHT = 1e-9  # 1/m; below this curvature the bend radius is given as that of
 
 def bending(cable: CableMotion) -> Array:
     """Return the curvature of the centreline (P, N), 1/m: the length of the Darboux vector's bending part."""
-    return np.linalg.norm(cable.curvature[..., :2], axis=-1)
+    found: Array = np.linalg.norm(cable.curvature[..., :2], axis=-1)
+    return found
 
 
 def between_stations(value: Array) -> Array:
     """Return how much a smooth quantity (P, N) may exceed its samples: an eighth of its second differences, (P,)."""
-    return 0.125 * np.max(np.abs(np.diff(value, n=2, axis=1)), axis=1)
+    found: Array = 0.125 * np.max(np.abs(np.diff(value, n=2, axis=1)), axis=1)
+    return found
 
 
 def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:

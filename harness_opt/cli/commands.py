@@ -107,7 +107,7 @@ VOICE = Voice(_say, _tell, _warn)
 # --- options -------------------------------------------------------------------------------------------
 
 
-class _Positive(click.ParamType):
+class _Positive(click.ParamType[float]):
     """A finite number above 0."""
 
     name = "number"

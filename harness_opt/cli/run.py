@@ -184,7 +184,8 @@ def _solved(problem: Problem, solve: Solve, progress: Shown, interrupts: Interru
         from harness_opt.model.results import Motion
 
         partial = Motion(problem, np.zeros(0), {})
-    return dataclasses.replace(partial, status=status, message=message)
+    found: Motion | Redesign = dataclasses.replace(partial, status=status, message=message)
+    return found
 
 
 def _timely(result: Motion | Redesign, seconds: float | None, interrupts: Interrupts) -> Motion | Redesign:

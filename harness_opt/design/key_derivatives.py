@@ -187,7 +187,8 @@ def key_scale(quantity: Quantity, problem: Problem) -> float:
     if quantity.path[-1] == "rest_curvature":
         return 1.0 / length
     if quantity.path[-1] in ("tangent", "axis", "direction", "quaternion", "gravity", "force", "moment"):
-        return max(1.0, abs(quantity.value))
+        found: float = max(1.0, abs(quantity.value))
+        return found
     return abs(quantity.value) or 1.0
 
 
@@ -325,7 +326,8 @@ def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -
     along = np.einsum("wc,wc->w", found.normal, at_stations(tangents, shapes.s, found.frame, arc)[..., 0])
     first, last = _at_ends(pair, arc, whole)
     shift = np.where(first, 2.0 * grown, np.where(last, length - 2.0 * grown, arc / whole * length))
-    return along * np.where(first | last, shift - arc / whole * length, 0.0)
+    result: Array = along * np.where(first | last, shift - arc / whole * length, 0.0)
+    return result
 
 
 def _carried(problem: Problem, side: _Sides, part: str, at: Array, point: Array) -> Array:

@@ -180,7 +180,8 @@ def worst_places(size: Array) -> NDArray[np.bool_]:
     peak = (size > padded[:, :-2]) & (size >= padded[:, 2:])
     found = peak & (size >= NEARLY * np.max(size, axis=1, keepdims=True))
     found[np.arange(len(size)), np.argmax(size, axis=1)] = True
-    return found
+    result: NDArray[np.bool_] = found
+    return result
 
 
 def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Array:
@@ -197,4 +198,5 @@ def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Ar
             t * (t - 1) * (t - 2) / 6,
         ]
     )
-    return np.sum([weights[i][:, None, None] * rates[frame, first + i] for i in range(4)], axis=0)
+    found: Array = np.sum([weights[i][:, None, None] * rates[frame, first + i] for i in range(4)], axis=0)
+    return found

@@ -137,7 +137,8 @@ def _corners(found: Linear, half: Array) -> Array:
     if len(half) > MOST_CORNERED:
         return _least(found, (found.margin - np.abs(found.rate) @ half)[:, None])[:, 0]
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(half))))
-    return smallest(found, signs * half).min(axis=1)
+    result: Array = smallest(found, signs * half).min(axis=1)
+    return result
 
 
 def _least(found: Linear, margins: Array) -> Array:

@@ -96,7 +96,8 @@ def _section(document: Any, name: str, tables: dict[str, Table]) -> None:
 
 
 def _inline(rows: Rows) -> InlineTable:
-    return _fill(tomlkit.inline_table(), [(key, value, "") for key, value, _ in rows])
+    found: InlineTable = _fill(tomlkit.inline_table(), [(key, value, "") for key, value, _ in rows])
+    return found
 
 
 def _numbers(values: Iterable[float] | None) -> list[float] | None:
@@ -143,7 +144,8 @@ def _cable(run: CableRun) -> Table:
         ("start", _end(run.start), ""),
         ("end", _end(run.end), ""),
     ]
-    return _fill(tomlkit.table(), rows)
+    found: Table = _fill(tomlkit.table(), rows)
+    return found
 
 
 def _end(end: End) -> InlineTable:
@@ -213,7 +215,8 @@ def _part(part: Part, places: Places) -> Table:
         ("quaternion", _numbers(part.quaternion) if turned else None, ""),
         ("clearance", None if part.clearance is None else float(part.clearance), "m"),
     ]
-    return _fill(tomlkit.table(), rows)
+    found: Table = _fill(tomlkit.table(), rows)
+    return found
 
 
 def _shape_rows(shape: Shape, places: Places) -> Rows:

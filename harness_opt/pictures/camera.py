@@ -81,7 +81,8 @@ class Camera:
         """Return the point (3,), m, that stands ``at`` (2,) in the picture, as deep as ``like`` (3,)."""
         depth = (self.eye - like) @ self.back
         x, y = (np.asarray(at) - 0.5) * 2 * TANGENT * depth
-        return self.eye - depth * self.back + x * self.aspect * self.right + y * self.up
+        found: Array = self.eye - depth * self.back + x * self.aspect * self.right + y * self.up
+        return found
 
     def in_front(self, mesh: pv.PolyData) -> pv.PolyData:
         """Return ``mesh`` shrunk towards the eye: it looks the same, and nothing hides it."""

@@ -145,9 +145,10 @@ def solid(part: Geometry) -> pv.PolyData:
         else:
             mesh = pyvista.Sphere(radius=shape.radius, theta_resolution=64, phi_resolution=64)
         mesh = mesh.triangulate().clean().transform(placement(part.position, part.quaternion), inplace=False)
-    return mesh.compute_normals(
+    found: pv.PolyData = mesh.compute_normals(
         cell_normals=False, split_vertices=True, feature_angle=FEATURE_ANGLE, consistent_normals=False
     )
+    return found
 
 
 def tube(points: Array, colours: Array | None, radius: float) -> pv.PolyData:
@@ -155,7 +156,8 @@ def tube(points: Array, colours: Array | None, radius: float) -> pv.PolyData:
     line = load_pyvista().MultipleLines(points)
     if colours is not None:
         line.point_data["colour"] = colours.astype(np.uint8)
-    return line.tube(radius=radius, n_sides=SIDES, capping=True)
+    found: pv.PolyData = line.tube(radius=radius, n_sides=SIDES, capping=True)
+    return found
 
 
 def curve_of(shapes: CableMotion) -> Curve:

@@ -180,4 +180,5 @@ def _triad(size: float) -> pv.PolyData:
     arrows = [pyvista.Arrow(direction=axis, scale=size) for axis in np.eye(3)]
     for arrow, colour in zip(arrows, AXES, strict=True):
         arrow.point_data["colour"] = np.tile(rgb(colour), (arrow.n_points, 1)).astype(np.uint8)
-    return pyvista.merge(arrows)
+    found: pv.PolyData = pyvista.merge(arrows)
+    return found

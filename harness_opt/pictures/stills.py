@@ -179,7 +179,8 @@ def still(views: Sequence[View], alike: Sequence[View] = ()) -> pv.Plotter:
         _write_words(plotter, views[column])
         plotter.reset_camera_clipping_range()  # what is drawn in front must not be cut off
     plotter.render()
-    return plotter
+    found: pv.Plotter = plotter
+    return found
 
 
 def _draw_frame(plotter: pv.Plotter, shown: DrawnFrame, meshes: Mapping[str, pv.PolyData]) -> None:

@@ -138,7 +138,8 @@ class Window:
     def picture(self) -> Array:
         """Return what is seen (height, width, 3), 0 to 255."""
         self.plotter.render()
-        return self.plotter.screenshot(None, return_img=True)
+        found: Array = self.plotter.screenshot(None, return_img=True)
+        return found
 
     def tick(self, seconds: float) -> None:
         """Let ``seconds`` pass where it plays; after the end it starts again."""

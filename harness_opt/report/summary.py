@@ -131,7 +131,8 @@ def summary(
     }
     if command == "redesign":
         content["redesign"] = redesign_summary(result)
-    return _strict(content)
+    found: Summary = _strict(content)
+    return found
 
 
 def timed(result: Motion | Redesign, **seconds: float) -> Any:
@@ -296,7 +297,16 @@ def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
 
 
 def _step(step: Step) -> StepEntry:
-    return StepEntry(**dataclasses.asdict(step) | {"limit": None if step.limit is None else str(step.limit)})  # type: ignore[typeddict-item]
+    return StepEntry(
+        aim=step.aim,
+        objective=step.objective,
+        margin=step.margin,
+        limit=None if step.limit is None else str(step.limit),
+        amount=step.amount,
+        trust=step.trust,
+        step=step.step,
+        accepted=step.accepted,
+    )
 
 
 def _robust(found: Robustness) -> RobustEntry:

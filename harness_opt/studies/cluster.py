@@ -15,7 +15,7 @@ REMEDY = 'pip install "harness-opt[cluster]"'
 
 try:
     from distributed import Client, WorkerPlugin
-    from distributed.comm import get_address_host_port
+    from distributed.comm import get_address_host_port  # type: ignore[attr-defined]  # of a package without types
 except ImportError as missing:
     raise ProblemError(f"--scheduler: found no Dask ({missing}), expected it; try {REMEDY}") from missing
 
@@ -63,12 +63,12 @@ def cluster(address: str, shared: Shared) -> Iterator[Executor]:
         raise ProblemError(_missing(address, error)) from error
     files = {(path.name, digest): path.read_bytes() for path, digest in shared.paths().items()}
     try:
-        client = Client(address, timeout=CONNECT, set_as_default=False)
+        client = Client(address, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:  # Dask's own errors of connecting are OSErrors
         raise ProblemError(_missing(address, error)) from error
     with client:
         client.register_plugin(Carrier(files))
-        yield client.get_executor(pure=False)
+        yield client.get_executor(pure=False)  # type: ignore[no-untyped-call]
 
 
 def _missing(address: str, error: Exception) -> str:

@@ -143,4 +143,5 @@ def _range(content: Mapping[str, Any]) -> list[float]:
     """Return the values of a grid, the ends included."""
     if not 1 < content["count"] <= COUNT_MOST:
         raise ProblemError(f"count: found {content['count']}, expected at least 2, at most {COUNT_MOST:,}")
-    return np.linspace(content["from"], content["to"], content["count"]).tolist()
+    found: list[float] = np.linspace(content["from"], content["to"], content["count"]).tolist()
+    return found
