@@ -14,7 +14,7 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
-from harness_opt.motion.common_mesh import lightened, moved_to
+from harness_opt.motion.common_mesh import coarsened, on_mesh
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case, case
@@ -23,7 +23,7 @@ from harness_opt.rod.states import Rod
 from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.continuation import follow, step, turning
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
-from harness_opt.statics.release import is_stable, let_go
+from harness_opt.statics.release import is_stable, release
 from harness_opt.statics.solve import Solved, error_estimate, error_from_defects, resample, solve_on
 
 SAME_ENERGY = 1e-6  # relative difference below which two shapes of one pose are of one neutral family
@@ -39,7 +39,7 @@ LATER = 4  # times over further on that a landing is tried where there is none a
 Progress = Callable[[str, int, int], None]
 
 
-class Follower:
+class CableFollower:
     """Follows one cable along the motion.
 
     Args:
@@ -217,7 +217,7 @@ class Follower:
         """Let the cable go at ``beyond``, or further on where it lands nowhere; return where it landed, and when."""
         for wait in np.linspace(0.0, 1.0, LATER + 1) ** 2:
             where = beyond + float(wait) * (target - beyond)
-            landed = let_go(self._path(here.case)(where), here.rod, self.solver)
+            landed = release(self._path(here.case)(where), here.rod, self.solver)
             if landed is not None:
                 landed, _, status = refine(landed, LANDED, self.solver)  # a coarse mesh has shapes that no cable has
                 if status.ok and is_stable(landed, self.solver):
@@ -229,7 +229,7 @@ class Follower:
     def _append(self, solved: Solved) -> None:
         """Add a frame; where its mesh is not that of the last one, on as light a one as does."""
         if self.frames and not np.array_equal(solved.bound.mesh, self.frames[-1].bound.mesh):
-            solved = lightened(solved, self.frames[-1], self.elements, self.solver)
+            solved = coarsened(solved, self.frames[-1], self.elements, self.solver)
         self.frames.append(solved)
 
     def _cut(self, count: int) -> None:
@@ -266,7 +266,7 @@ class Follower:
     def _go_on_from(self, last: int, mesh: Array) -> None:
         """Keep the frames up to ``last``, and that on another mesh; where it does not stay the same, one before it."""
         for k in range(last, -1, -1):
-            moved = moved_to(self.frames[k], mesh, self.solver)
+            moved = on_mesh(self.frames[k], mesh, self.solver)
             self._cut(k)
             if moved is not None:
                 self.frames.append(moved)

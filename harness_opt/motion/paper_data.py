@@ -210,17 +210,17 @@ def disperse(
         raise ProblemError(f"cable: found {cable!r}, expected one of {', '.join(map(repr, problem.cables))}")
     if clamp not in ("start", "end"):
         raise ProblemError(f"clamp: found {clamp!r}, expected 'start' or 'end'")
-    held: End = getattr(problem.cables[cable], clamp)
-    if held.position is None or held.quaternion is None:
-        free = [name for name in ("position", "quaternion") if getattr(held, name) is None]
+    end: End = getattr(problem.cables[cable], clamp)
+    if end.position is None or end.quaternion is None:
+        free = [name for name in ("position", "quaternion") if getattr(end, name) is None]
         raise ProblemError(
             f"cables.{cable}.{clamp}: found an end without {' and '.join(free)}, expected both: only a clamp has a path"
         )
     if not problem.moves:
         raise ProblemError("bodies: found none with a motion, expected one: a clamp that stands still has no path")
-    position, quaternion = problem.poses(held.body, place_frames(problem, spatial_step))
-    position = position + rotations.rotate(quaternion, held.position)
-    return Path(position, rotations.matrix(rotations.multiply(quaternion, held.quaternion)))
+    position, quaternion = problem.poses(end.body, place_frames(problem, spatial_step))
+    position = position + rotations.rotate(quaternion, end.position)
+    return Path(position, rotations.matrix(rotations.multiply(quaternion, end.quaternion)))
 
 
 def profiles(motion: Motion, cable: str) -> tuple[Profile, ...]:
@@ -321,8 +321,8 @@ def _load(file: File, name: str) -> tuple[Array, Array]:
                 raise ProblemError(f"{file}: found a single array, {wanted}")
             missing = {f"{name}/position", f"{name}/rotation"} - set(archive.files)
             if missing:
-                held = ", ".join(sorted(archive.files)) or "nothing"
-                raise ProblemError(f"{file}: found {held}, {wanted}")
+                found = ", ".join(sorted(archive.files)) or "nothing"
+                raise ProblemError(f"{file}: found {found}, {wanted}")
             position, rotation = (plain_array(f"{name}/{key}", archive, size) for key in ("position", "rotation"))
             return position, rotation
     except OSError as error:

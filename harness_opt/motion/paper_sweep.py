@@ -1,7 +1,7 @@
 """One cable over the motion by the paper's own transcription: section 4.2, one profile for each path point.
 
 The first shape is that of a cold start, each other begins at the profile before it, as published. There is no step
-control and no landing after a snap: where the equations do not lead to a shape that the collocation confirms, the
+control and no release after a snap: where the equations do not lead to a shape that the collocation confirms, the
 sweep ends and says so.
 """
 
@@ -40,7 +40,7 @@ def sweep_by_quadrature(
         problem: the problem.
         name: of the cable.
         motion: values of the frames.
-        options: number of points, closure, solver and tolerance; a number of points left open is settled by the first
+        options: number of points, closure, solver and tolerance; a number of points left open is found by the first
             frame and raised where a later one needs it.
         first: the shape to begin the first frame at; None leaves it to a cold start.
         progress: called with the cable's name, frames done, frames in all.

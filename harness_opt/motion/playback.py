@@ -58,7 +58,7 @@ def display(
 
     The moments run from 0 to the problem's duration, both included; of a motion solved in part, over the frames it has.
     At a frame the profile is that frame's, between two it is interpolated: eq. (29), or as the module says of "exact".
-    Across a snap that is the older shape's, at rest ("linear") or on its clamps ("exact"), until the frame of the snap.
+    Across a snap that is the older shape's, still ("linear") or on its clamps ("exact"), until the frame of the snap.
 
     Args:
         motion: simulated.

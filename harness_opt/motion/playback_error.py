@@ -73,7 +73,7 @@ def _compared(shown: tuple[Array, Array], truth: tuple[Array, Array], times: Arr
     """Return the errors of shown profiles, positions (T, N, 3) and rotations (T, N, 3, 3), against the true ones."""
     distance = np.linalg.norm(shown[0] - truth[0], axis=2)
     ends = {0: run.start, -1: run.end}
-    held = [node for node, end in ends.items() if end.position is not None]
+    clamped = [node for node, end in ends.items() if end.position is not None]
     turned = [node for node, end in ends.items() if end.quaternion is not None]
     # |A - B| in the Frobenius norm is sqrt(8) times the sine of half the angle between them
     sine = np.linalg.norm(shown[1][:, turned] - truth[1][:, turned], axis=(2, 3)) / np.sqrt(8.0)
@@ -81,7 +81,7 @@ def _compared(shown: tuple[Array, Array], truth: tuple[Array, Array], times: Arr
         float(distance.max()),
         float(times[distance.max(axis=1).argmax()]),
         float(np.abs(_length(shown[0]) / _length(truth[0]) - 1.0).max()),
-        float(distance[:, held].max(initial=0.0)),
+        float(distance[:, clamped].max(initial=0.0)),
         float(2.0 * np.arcsin(np.minimum(sine, 1.0)).max(initial=0.0)),
     )
 

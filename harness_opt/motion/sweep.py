@@ -1,6 +1,6 @@
 """One cable followed from frame to frame.
 
-Each shape starts from the last ones; a cable that loses its shape is let go and lands where its energy is least.
+Each shape starts from the last ones; a cable that loses its shape is released to one of less energy.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed
 from harness_opt.motion.common_mesh import on_one_mesh
-from harness_opt.motion.follower import Follower, Progress
+from harness_opt.motion.follower import CableFollower, Progress
 from harness_opt.motion.frames import Frames, batch, blocks
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.corrections import settled
+from harness_opt.statics.corrections import solve_along_near_null
 from harness_opt.statics.mesh import finer_mesh
 from harness_opt.statics.solve import Solved, resample, solve_on
 
-Rigour = Literal["full", "stable", "look"]
+Rigour = Literal["full", "stable", "quick look"]
 
-FEW = 20  # frames that are too inaccurate, up to which their valleys are looked for
+FEW = 20  # frames that are too inaccurate, up to which their near-null directions are looked for
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
@@ -104,13 +104,13 @@ def sweep(
         first: the shape of the first frame, of a like cable; None leaves it to a cold start.
         guesses: solves of a like motion to start from, one a frame or None.
         rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
-            the same; "look" leaves out stability and accuracy both, for a first look at a design.
+            the same; "quick look" leaves out stability and accuracy both.
         progress: called with the cable's name, frames done, frames in all.
     """
-    look = rigour == "look"
-    follower = Follower(problem, name, motion, solver, elements or 0, progress)
+    quick_look = rigour == "quick look"
+    follower = CableFollower(problem, name, motion, solver, elements or 0, progress)
     try:
-        status, message = follower.run_all(first, guesses, check=not look)
+        status, message = follower.run_all(first, guesses, check=not quick_look)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
         status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
     frames = on_one_mesh(follower.frames, solver)
@@ -121,9 +121,9 @@ def sweep(
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
         return Sweep(frames, np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
     errors = np.full(len(frames), np.nan)
-    if not look:
+    if not quick_look:
         frames, errors = accurate(frames, tolerance, solver)
-    if not look and status.ok and not np.max(errors) <= tolerance:
+    if not quick_look and status.ok and not np.max(errors) <= tolerance:
         worst = int(np.argmax(errors))
         status = Status.INACCURATE
         message = (
@@ -154,7 +154,9 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
         errors, local = frames.errors()
         loose = np.flatnonzero(~(errors <= tolerance))
         if 0 < len(loose) <= FEW:
-            changed = {k: walked for k in loose.tolist() if (walked := settled(frames[k])) is not frames[k]}
+            changed = {
+                k: better for k in loose.tolist() if (better := solve_along_near_null(frames[k])) is not frames[k]
+            }
             if changed:
                 frames = Frames((changed.get(k, frame) for k, frame in enumerate(frames)), frames.most_held)
                 errors, local = frames.errors()

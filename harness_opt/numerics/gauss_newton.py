@@ -82,7 +82,7 @@ def _search(
     """Return the accepted fraction of ``step``, where it leads, and the residual there; the fraction is 0 for none.
 
     A step is taken where the residual falls, or where the next step with the same Jacobian is shorter (the natural
-    level function, Deuflhard, section 3.3): along a valley that is flat to rounding in one direction and steep in all
+    level function, Deuflhard, section 3.3): along a near-null direction, flat to rounding while steep in all
     others, the first alone allows only short ones. ``factor`` is None for an old Jacobian: all of the step or nothing.
     """
     cost, length, reach = residual @ residual, 1.0, largest(step)

@@ -141,7 +141,7 @@ class Landscape(Protocol):
         """Return the point a step further."""
         ...
 
-    def strained(self, q: Array) -> bool:
+    def too_coarse(self, q: Array) -> bool:
         """Return whether the landscape is too coarse for a point."""
         ...
 

@@ -1,4 +1,4 @@
-"""Which way the triangles of a mesh look: made to close, and to look outward, piece by piece."""
+"""Which way the triangles of a mesh face: made to close, and to face outward, piece by piece."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
 
 PAIRS = 1_000_000  # point-triangle pairs at a time, so that temporaries stay below 100 MB
-ASKED = 50  # corners of a piece that looks inward that are asked whether they lie inside the others
+ASKED = 50  # corners of a piece that faces inward that are asked whether they lie inside the others
 
 
 def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
@@ -36,7 +36,7 @@ def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
 def outward(vertices: Array, faces: Indices) -> Indices:
     """Return closed ``faces`` (m, 3) so turned that each piece has its inside within.
 
-    A piece that looks inward and lies wholly inside the others is a cavity, and stays; one that reaches out of
+    A piece that faces inward and lies wholly inside the others is a cavity, and stays; one that reaches out of
     them, or stands alone, was turned inside out in the file: where it overlaps others its winding would cancel
     theirs.
     """

@@ -73,10 +73,10 @@ class Pencil:
         """
         low, index = self._bound(unit)
         matrix, (places, rows, starts) = self._q - low * self._m, self._pattern.inner
-        mass, held = sp.csc_array((self._m[places], rows, starts)), np.zeros(self._border)
+        mass, border = sp.csc_array((self._m[places], rows, starts)), np.zeros(self._border)
 
         def inverse(right: Array) -> Array:
-            return self._linear.solve(matrix, np.concatenate([right, held]))[: self._size]
+            return self._linear.solve(matrix, np.concatenate([right, border]))[: self._size]
 
         basis, dual = np.empty((2, ITERATIONS, self._size))  # fields orthonormal in the mass, their products with it
         projected = np.zeros((ITERATIONS, ITERATIONS))

@@ -42,8 +42,8 @@ class SecondVariation:
     @property
     def size(self) -> int:
         """Number of small rotations that are free, times 3."""
-        held = self.kind.start_orientation + self.kind.end_orientation
-        return 3 * (DEGREE * len(self.masses) + 1 - held)
+        clamped = self.kind.start_orientation + self.kind.end_orientation
+        return 3 * (DEGREE * len(self.masses) + 1 - clamped)
 
     @property
     def conservative(self) -> bool:
@@ -123,8 +123,8 @@ def second_variation(rod: Rod, mesh: Array, kind: Kind) -> SecondVariation:
         (0, slice(0, 3), kind.start_orientation, 0.5),
         (-1, slice(UNKNOWNS - 3, UNKNOWNS), kind.end_orientation, -0.5),
     )
-    for end, span, held, sign in turns:
-        if not held:  # what a dead moment adds
+    for end, span, clamped, sign in turns:
+        if not clamped:  # what a dead moment adds
             moment = rotations.rotate(rotations.conjugate(rod.q[..., end, :]), rod.moment[..., end, :])
             blocks[..., end, span, span] += sign * rotations.cross_matrix(moment)
     return SecondVariation(blocks, ends.reshape(*lead, count, 3, UNKNOWNS), masses, kind)

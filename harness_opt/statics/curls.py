@@ -1,6 +1,7 @@
 """Beginning with curls: a cable stiff in torsion takes whole turns into curls, one each, and is hardly twisted.
 
-Where a twisted one is let go instead, or made stiffer step by step, it finds its curls by long detours, or not at all.
+Where energy minimisation begins at a twisted one instead, or load stepping makes it stiffer, it finds its curls by
+long detours, or not at all.
 A curl is begun as a circle about the section's softer axis, tilted a little towards the tangent, which makes it a turn
 of a helix: so it takes up a turn of the sense that is asked for. Coyne, "Analysis of the formation and elimination of
 loops in twisted cable", IEEE J. Oceanic Eng. 15, 1990.
@@ -16,7 +17,7 @@ import numpy as np
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import CLAMPED, Case
-from harness_opt.statics.energy_minimum import COILED, Resting, sink
+from harness_opt.statics.energy_minimum import COILED, EnergyMinimum, minimise_energy
 from harness_opt.statics.load_stepping import softened, stiffen, tighten
 from harness_opt.statics.starting_curve import curve, loose, signed
 
@@ -27,10 +28,10 @@ EVEN = 1e-3  # relative: a tension that differs by less along the cable gathers 
 BASE, CIRCLE = 241, 25  # places at which the cable without its curls is looked at, and a curl
 
 
-def curled(case: Case, turns: int, bow: Array | None) -> Resting | None:
-    """Bring a cable to rest that is begun with a curl for each of its turns; None where it has none or that fails.
+def minimum_with_curls(case: Case, turns: int, bow: Array | None) -> EnergyMinimum | None:
+    """Return the energy minimum begun with a curl for each of its turns; None where it has none or that fails.
 
-    The cable without them is let go first: curls gather where it is least tense.
+    The energy of the cable without them is minimised first: curls gather where it is least tense.
 
     Args:
         case: what is sought.
@@ -43,22 +44,22 @@ def curled(case: Case, turns: int, bow: Array | None) -> Resting | None:
     shorter = dataclasses.replace(boundary, gap=boundary.gap / (1.0 - taken))
     begun, s, q = curve(case, shorter, 0, bow)
     soft = softened(begun, s, q, COILED)
-    base = sink(soft, s, q, np.zeros(3), gently=False)
+    base = minimise_energy(soft, s, q, np.zeros(3), short_steps=False)
     if base is None:
         return None
     s, q = _with_curls(base, turns, taken)
-    held = signed(boundary, q)
+    clamps = signed(boundary, q)
     force = base.chain.force(base.multipliers)
-    resting = sink(dataclasses.replace(soft, boundary=held), s, q, force, gently=False)
-    if resting is not None:
-        resting = stiffen(dataclasses.replace(case, boundary=held), resting)
-    if resting is not None and boundary is not case.boundary:
+    minimum = minimise_energy(dataclasses.replace(soft, boundary=clamps), s, q, force, short_steps=False)
+    if minimum is not None:
+        minimum = stiffen(dataclasses.replace(case, boundary=clamps), minimum)
+    if minimum is not None and boundary is not case.boundary:
         gap = case.boundary.gap
-        resting = tighten(dataclasses.replace(case, boundary=dataclasses.replace(held, gap=gap)), resting)
-    return resting
+        minimum = tighten(dataclasses.replace(case, boundary=dataclasses.replace(clamps, gap=gap)), minimum)
+    return minimum
 
 
-def _with_curls(base: Resting, turns: int, taken: float) -> tuple[Array, Array]:
+def _with_curls(base: EnergyMinimum, turns: int, taken: float) -> tuple[Array, Array]:
     """Return arc lengths (m,) and quaternions (m, 4) of a cable that has curls for part ``taken`` of its length."""
     count, chain = abs(turns), base.chain
     length = taken / count
@@ -81,7 +82,7 @@ def _with_curls(base: Resting, turns: int, taken: float) -> tuple[Array, Array]:
     return np.concatenate(pieces_s), np.concatenate(pieces_q)
 
 
-def _places(base: Resting, count: int, length: float) -> Array:
+def _places(base: EnergyMinimum, count: int, length: float) -> Array:
     """Return where the curls go, (count,), in lengths of the cable without them: evenly, or where it is least tense."""
     chain = base.chain
     u = np.linspace(0.0, 1.0, BASE)

@@ -42,7 +42,7 @@ def equilibria(
     """Return the distinct stable shapes found between two ends in world coordinates, that of least energy first.
 
     Each start is a curve of the cable's length, bowed to one of several directions about the chord and twisted by one
-    of several numbers of turns; it sinks to a minimum of its energy and is solved there. A search, so there may be
+    of several numbers of turns; its energy is minimised, and the minimum solved. A search, so there may be
     shapes that it does not find; none that it returns is unstable, or an image of another in a neutral family. One of
     them can begin a motion: ``simulate(problem, first={"lead": shape})``.
 
@@ -67,10 +67,10 @@ def equilibria(
     for twist in twists:
         for bow in _directions(posed.boundary.gap, bows):
             starts = from_curve(posed, end.turns + twist, bow, solver)
-            settled = next((one for one in (stabilised(start, solver) for start in starts) if one is not None), None)
-            if settled is None:
+            stable = next((one for one in (stabilised(start, solver) for start in starts) if one is not None), None)
+            if stable is None:
                 continue
-            shape = refined_shape(cable, (start, end), settled, tolerance, solver, stations)
+            shape = refined_shape(cable, (start, end), stable, tolerance, solver, stations)
             if shape.ok and shape.stable and not any(_same(shape, other) for other in found):
                 found.append(shape)
     return tuple(sorted(found, key=lambda shape: shape.energy))

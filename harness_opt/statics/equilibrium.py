@@ -94,7 +94,7 @@ class ShapeAt:
 
 
 @dataclass(frozen=True)
-class Ended:
+class _Outcome:
     """A solve by either transcription: its rod, status, largest residual, error in L, and iterations."""
 
     rod: Rod
@@ -229,8 +229,8 @@ def refined_shape(
 ) -> Shape:
     """Refine the mesh of a solved case to ``tolerance`` and return the shape between ``ends``, start and end."""
     solved, error, status = refine(solved, tolerance, solver, LAST_RESORT[-1])
-    ended = Ended(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
-    return _shape(cable, *ends, solved.case.boundary.kind, ended, stations)
+    outcome = _Outcome(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
+    return _shape(cable, *ends, solved.case.boundary.kind, outcome, stations)
 
 
 def _by_quadrature(
@@ -251,13 +251,13 @@ def _by_quadrature(
     if begin is None:
         return _failed(cable, stations, None)
     answer = solve_by_quadrature(posed, begin, options)
-    ended = Ended(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
-    return _shape(cable, *ends, posed.boundary.kind, ended, stations)
+    outcome = _Outcome(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
+    return _shape(cable, *ends, posed.boundary.kind, outcome, stations)
 
 
-def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, stations: int) -> Shape:
+def _shape(cable: Cable, start: End, end: End, kind: Kind, outcome: _Outcome, stations: int) -> Shape:
     """Return a solved rod in SI units."""
-    units, rod = rod_module.scale(cable)[1], ended.rod
+    units, rod = rod_module.scale(cable)[1], outcome.rod
     answer = stability(rod, kind)
     if start.position is not None:
         origin = np.asarray(start.position)
@@ -271,13 +271,13 @@ def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, station
         at.curvature,
         at.force,
         at.moment,
-        ended.status,
-        ended.status.ok and bool(answer.stable),
+        outcome.status,
+        outcome.status.ok and bool(answer.stable),
         float(answer.margin),
         float(rod.energy()) * units.moment,
-        ended.residual,
-        ended.error,
-        ended.iterations,
+        outcome.residual,
+        outcome.error,
+        outcome.iterations,
         rod,
         units,
         origin,

@@ -26,10 +26,10 @@ SOLVERS: dict[str, Solver] = {
     "ipopt": ipopt.solve,
     "paper": paper.solve,
 }
-SAFEGUARDED = "gauss-newton"  # the solver that a walk along a valley comes after
-SHARP = 1e-3  # part of the residual asked for that counts as solved along a valley: what is left goes far there
-FLOOR = 1e-2  # residual of the scaled equations that is left on the floor of a valley at most
-ALMOST = 1e3  # times the residual asked for: left by what has come down to that floor, and not strayed
+NEAR_NULL_AFTER = "gauss-newton"  # the solver after which the near-null direction is followed
+SHARP = 1e-3  # part of the residual asked for, that counts as solved along a near-null direction: the rest goes far
+FLOOR = 1e-2  # residual of the scaled equations that is left on the near-null curve at most
+ALMOST = 1e3  # times the residual asked for: left by what has come to that curve, and not strayed
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 RESIDUAL = 1e-11  # of the scaled equations
 ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
@@ -110,8 +110,8 @@ def solve_on(
 ) -> Solved:
     """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended.
 
-    Where Gauss-Newton comes down to the floor of a valley, and not quite to the solution, it is walked along
-    (:mod:`.solvers.valley`).
+    Where Gauss-Newton comes to the near-null curve, and not quite to the solution, that curve is followed
+    (:mod:`harness_opt.numerics.near_null`).
 
     Args:
         case, mesh, x: as above.
@@ -132,17 +132,17 @@ def solve_on(
     flat = factor is None or (not factor.singular and factor.condition > CONDITION_LIMIT)
     sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
     loose = solution.residual > (sharp.tolerance if flat else tolerance)
-    if solver == SAFEGUARDED and loose and solution.residual <= FLOOR * math.sqrt(scale):
+    if solver == NEAR_NULL_AFTER and loose and solution.residual <= FLOOR * math.sqrt(scale):
         energy = (lambda x: _energy(case, bound, x)) if case.boundary.kind == CLAMPED else None
         steps = near_null.STEPS if near is None else near_null.FEW
-        # where it did not converge, it may have strayed far, or be on the floor already
+        # where it did not converge, it may have strayed far, or be on the curve already
         starts = [solution.x] if solution.status.ok else [x]
         if near is None and tolerance < solution.residual <= ALMOST * tolerance:
             starts.append(solution.x)
         for begun in starts:
-            walked = near_null.solve(problem, begun, sharp, energy, steps=steps)
-            if walked.residual <= min(tolerance, solution.residual):
-                solution = dataclasses.replace(walked, status=Status.OK)
+            followed = near_null.solve(problem, begun, sharp, energy, steps=steps)
+            if followed.residual <= min(tolerance, solution.residual):
+                solution = dataclasses.replace(followed, status=Status.OK)
                 break
     return Solved(case, bound, solution)
 

@@ -1,9 +1,8 @@
 """A length-true curve with section frames between two ends: where the search for a first shape begins.
 
-A cubic Hermite curve through the ends, bowed sideways until it has the cable's length, with rotation-minimising
-frames (double
-reflection: Wang, Juettler, Zheng and Liu, ACM Trans. Graph. 27, 2008) and the left-over twist, plus whole turns,
-spread evenly along it.
+A cubic Hermite curve through the ends, bowed sideways until it has the cable's length, with rotation-minimising frames
+(double reflection: Wang, Juettler, Zheng and Liu, ACM Trans. Graph. 27, 2008) and the left-over twist, plus whole
+turns, spread evenly along it.
 """
 
 from __future__ import annotations
@@ -141,8 +140,9 @@ def _run(turns: Array) -> Array:
 def _eased(frames: Array, width: float) -> Array:
     """Return ``frames`` (m, 4), evenly spaced, with their bends spread over ``width`` of the length, at least.
 
-    A cubic may bend as sharply as it likes, and a cable let go from a kink asks for many small elements. The ends stay:
-    a frame there is the mean of those before it, which are taken as far to one side as those behind are to the other.
+    A cubic may bend as sharply as it likes, and energy minimisation from a kink asks for many small elements. The ends
+    stay: a frame there is the mean of those before it, which are taken as far to one side as those behind are to the
+    other.
     """
     reach = round(0.5 * width * (len(frames) - 1))
     if reach == 0:
@@ -210,7 +210,7 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
     return points, rotations.multiply(frames, rotations.from_rotation_vector(spread))
 
 
-CURVE = 241  # places at which a starting curve is looked at
+CURVE = 241  # places at which a starting curve is sampled
 EASY = 0.1  # slack, in L, with which a taut cable is begun
 
 
