@@ -11,7 +11,8 @@ import harness_opt as ho
 from harness_opt.numerics import gauss_newton, rotations
 from harness_opt.numerics.interface import Options
 from harness_opt.rod.boundary import case
-from harness_opt.rod.collocation import NodeStates, collocation, pack, stations
+from harness_opt.rod.collocation import collocation, pack, stations
+from harness_opt.rod.states import Rod
 from harness_opt.statics.solve import STAGES, error_estimate, solve_on
 
 FINE, FINE_STAGES = 96, 6  # elements and stages of the solve that stands for the truth
@@ -48,7 +49,7 @@ def guess(name: str, mesh: np.ndarray, stages: int) -> np.ndarray:
 
 
 @functools.cache
-def solve(name: str, elements: int, stages: int) -> NodeStates:
+def solve(name: str, elements: int, stages: int) -> Rod:
     """Solve on a uniform mesh by the transcription itself."""
     posed, mesh = case(*CASES[name], DOWN), np.linspace(0, 1, elements + 1)
     bound = collocation(elements, stages, bool(np.any(posed.load))).bind(
@@ -56,10 +57,10 @@ def solve(name: str, elements: int, stages: int) -> NodeStates:
     )
     solution = gauss_newton.solve(bound.least_squares(), guess(name, mesh, stages), Options(1e-12, 60))
     assert solution.status.ok
-    return bound.unpack(solution.x)
+    return bound.rod(solution.x)
 
 
-def truth(name: str) -> NodeStates:
+def truth(name: str) -> Rod:
     return solve(name, FINE, FINE_STAGES)
 
 

@@ -150,8 +150,8 @@ class Frames(_Numbered):
     def _count(self, frame: Solved) -> None:
         """Add what a frame takes; a factorised Jacobian that several share counts once."""
         self._bytes += 2 * frame.solution.x.nbytes + OBJECTS  # with the states at the nodes
-        for factor in (frame.solution.factor, vars(frame).get("factor")):
-            if isinstance(factor, Factor) and id(factor) not in self._counted:
+        for factor in frame.kept_factors():
+            if id(factor) not in self._counted:
                 self._counted.add(id(factor))
                 self._bytes += _bytes_of(factor)
 

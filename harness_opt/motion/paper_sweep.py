@@ -7,19 +7,16 @@ sweep ends and says so.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from harness_opt.errors import Status
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.model.results import CableMotion, Followed
 from harness_opt.motion.follower import Progress
-from harness_opt.motion.sweep import start_positions
+from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
 from harness_opt.rod.boundary import case
-from harness_opt.rod.equations import Units
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
 from harness_opt.statics.cold_start import cold_start
@@ -79,25 +76,11 @@ def sweep_by_quadrature(
     if not frames:
         return Followed(None, (), status, message)
     origins = start_positions(ends, np.array([frame.rod.r[-1] for frame in frames]), units)
-    return Followed(_cable_motion(frames, judged, origins, units), (), status, message)
-
-
-def _cable_motion(frames: list[QuadratureSolve], judged: list[Stability], origins: Array, units: Units) -> CableMotion:
-    """Return the plain arrays of solved frames at equally spaced stations."""
-    s = np.linspace(0.0, 1.0, STATIONS)
-    samples = [frame.rod.sample(s) for frame in frames]
-    r, q, force, moment, omega = (
-        np.stack([getattr(sample, field.name) for sample in samples]) for field in dataclasses.fields(samples[0])
+    shapes = CableMotion(
+        **vars(sampled((frame.rod for frame in frames), origins, units)),
+        stable=np.array([bool(one.stable) for one in judged]),
+        stability_margin=np.array([float(one.margin) for one in judged]),
+        residual=np.array([frame.residual for frame in frames]),
+        estimated_error=np.array([frame.error for frame in frames]),
     )
-    return CableMotion(
-        s * units.length,
-        origins[:, None, :] + units.length * r,
-        q,
-        omega / units.length,
-        units.force * force,
-        units.moment * moment,
-        np.array([bool(one.stable) for one in judged]),
-        np.array([float(one.margin) for one in judged]),
-        np.array([frame.residual for frame in frames]),
-        np.array([frame.error for frame in frames]),
-    )
+    return Followed(shapes, (), status, message)

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +32,11 @@ from numpy.typing import NDArray
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import checks
 from harness_opt.model.cable import End
+from harness_opt.model.methods import INTERPOLATIONS, Interpolation
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.paper_data import Profile, solved
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
-
-Interpolation = Literal["exact", "linear"]
-INTERPOLATIONS = ("exact", "linear")
 
 AT_FRAME = 1e-12  # motion values this close are one: t / duration, rounded
 MOST_MOMENTS = 20_000
@@ -157,24 +154,12 @@ def _linear(lead: CableMotion, here: _Place) -> tuple[Array, Array]:
     """Interpolate the nodes as published, eq. (29), and the frames the shortest way."""
     w = here.weight[:, None, None]
     position = (1.0 - w) * lead.position[here.before] + w * lead.position[here.after]
-    return position, rotations.matrix(_slerp(lead.quaternion[here.before], lead.quaternion[here.after], w))
+    return position, rotations.matrix(_shortest(lead.quaternion[here.before], lead.quaternion[here.after], w))
 
 
-def _slerp(a: Array, b: Array, weight: Array) -> Array:
-    """Return the quaternions (..., 4) on the shortest way from ``a`` to ``b``."""
-    return rotations.multiply(a, rotations.from_rotation_vector(weight * _rotation_vector(_relative(a, b))))
-
-
-def _relative(a: Array, b: Array) -> Array:
-    return rotations.multiply(rotations.conjugate(a), b)
-
-
-def _rotation_vector(q: Array) -> Array:
-    """Return the rotation vectors (..., 3), of at most half a turn, of unit quaternions (..., 4)."""
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, np.abs(q[..., :1]))
-    factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
-    return np.copysign(factor, q[..., :1]) * q[..., 1:]
+def _shortest(a: Array, b: Array, weight: Array) -> Array:
+    """Return the quaternions (..., 4) at ``weight`` (..., 1) of the shortest way from ``a`` to ``b``."""
+    return rotations.slerp(a, np.copysign(1.0, np.sum(a * b, axis=-1, keepdims=True)) * b, weight)
 
 
 # --- "exact": blended curvatures, closed ------------------------------------------------------------------------
@@ -197,7 +182,7 @@ def _exact(motion: Motion, cable: str, values: Array, here: _Place) -> tuple[Arr
     if origin is None:
         origin = w * after[1][:, 0]  # from that of the frame before, which is 0
     if frame is None:
-        frame = rotations.matrix(_slerp(before[0][:, 0], after[0][:, 0], w))
+        frame = rotations.matrix(_shortest(before[0][:, 0], after[0][:, 0], w))
     curve = _Curve(origin, frame, turn, shift, np.diff(lead.s) / length)
     r, a, missing = _closed(curve, clamps, run.cable.stiffness)
     if not np.all(missing <= CLOSED):
@@ -236,7 +221,9 @@ def _pieces(quaternion: Array, position: Array) -> tuple[Array, Array]:
 
     Returns rotation vectors and shifts, (..., N - 1, 3): integrals of omega and e3 over the piece, up to commutators.
     """
-    turn = _rotation_vector(_relative(quaternion[..., :-1, :], quaternion[..., 1:, :]))
+    turn = rotations.small_rotation_vector(
+        rotations.multiply(rotations.conjugate(quaternion[..., :-1, :]), quaternion[..., 1:, :])
+    )
     chord = rotations.rotate(rotations.conjugate(quaternion[..., :-1, :]), np.diff(position, axis=-2))
     across = rotations.cross(turn, chord)
     return turn, chord - 0.5 * across + _coefficients(turn)[2] * rotations.cross(turn, across)

@@ -5,7 +5,7 @@ Each shape starts from the last ones; a cable that loses its shape is released t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,7 +14,7 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import CableFollower, Progress
 from harness_opt.motion.frames import Frames, batch, blocks
@@ -177,30 +177,35 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
         frames = again
 
 
+def sampled(rods: Iterable[Rod], origins: Array, units: Units, stations: int = STATIONS) -> Quantities:
+    """Return the quantities at equally spaced stations, with a leading axis of P frames.
+
+    Args:
+        rods: the shapes of the frames in turn, one or many of them a rod.
+        origins: world positions of the cable's start, (P, 3), m.
+        units: of the cable.
+        stations: their number N.
+    """
+    s, shape = np.linspace(0.0, 1.0, stations), (len(origins), stations)
+    vectors = {name: np.empty((*shape, 3)) for name in ("position", "curvature", "force", "moment")}
+    whole, first = Quantities(s=s * units.length, quaternion=np.empty((*shape, 4)), **vectors), 0
+    for rod in rods:  # into their places block by block: all frames are not there twice
+        some = slice(first, first + (len(rod.q) if rod.q.ndim == 3 else 1))
+        block = rod.sample(s).in_si(whole.s, units, origins[some])
+        for name in (*vectors, "quaternion"):
+            getattr(whole, name)[some] = getattr(block, name)
+        first = some.stop
+    return whole
+
+
 def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
     """Return the plain arrays of a sweep at equally spaced stations."""
-    units = swept.units
-    s, count = np.linspace(0.0, 1.0, stations), len(swept.frames)
-    # a block at a time into its place: all frames are not there twice
-    r, omega, force, moment = (np.empty((count, stations, 3)) for _ in range(4))
-    q, first = np.empty((count, stations, 4)), 0
-    for rods in blocks(swept.frames):
-        some = slice(first, first + len(rods.q))
-        samples, first = rods.sample(s), some.stop
-        r[some] = swept.origins[some, None, :] + units.length * samples.r
-        q[some], omega[some] = samples.q, samples.omega / units.length
-        force[some], moment[some] = units.force * samples.force, units.moment * samples.moment
     return CableMotion(
-        s * units.length,
-        r,
-        q,
-        omega,
-        force,
-        moment,
-        swept.stability.index == 0,
-        swept.stability.margin,
-        np.array([frame.solution.residual for frame in swept.frames]),
-        swept.errors,
+        **vars(sampled(blocks(swept.frames), swept.origins, swept.units, stations)),
+        stable=swept.stability.index == 0,
+        stability_margin=swept.stability.margin,
+        residual=np.array([frame.solution.residual for frame in swept.frames]),
+        estimated_error=swept.errors,
     )
 
 

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.model.parts import Box, Capsule, Cylinder, Sphere
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import lengths
 
 Distances = tuple[Array, Array, Array]
-Shape = Box | Sphere | Cylinder | Capsule
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness_opt.model.results import Quantities
 from harness_opt.numerics import rotations
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod
-from harness_opt.rod.equations import Section
+from harness_opt.rod.equations import Section, Units
 from harness_opt.rod.long_elements import TERMS, LongElements, derivatives
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
@@ -45,6 +46,17 @@ class Samples:
     force: Array
     moment: Array
     omega: Array
+
+    def in_si(self, s: Array, units: Units, origin: Array) -> Quantities:
+        """Return the same at arc lengths ``s`` (N,), m, of a cable whose start stands at ``origin`` (..., 3), m."""
+        return Quantities(
+            s=s,
+            position=origin[..., None, :] + units.length * self.r,
+            quaternion=self.q,
+            curvature=self.omega / units.length,
+            force=units.force * self.force,
+            moment=units.moment * self.moment,
+        )
 
 
 class Defects(NamedTuple):

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
+from harness_opt.model import checks
 from harness_opt.model.cable import Cable, End
+from harness_opt.model.methods import check_method
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.boundary import case
 from harness_opt.statics.cold_start import from_curve
-from harness_opt.statics.equilibrium import TOLERANCE, Shape, check_method, check_tolerance, refined_shape, vector
+from harness_opt.statics.equilibrium import TOLERANCE, Shape, refined_shape
 from harness_opt.statics.release import stabilised
 
 BOWS = 8  # directions about the chord to which starting curves bow
@@ -55,8 +57,8 @@ def equilibria(
         ProblemError: as :func:`harness_opt.equilibrium`; no start, or more than MOST_STARTS.
     """
     check_method("collocation", solver)
-    check_tolerance(tolerance)
-    posed = case(cable, start, end, vector("gravity", gravity))
+    tolerance = checks.positive("tolerance", tolerance)
+    posed = case(cable, start, end, np.asarray(checks.numbers("gravity", gravity, 3)))
     kind = posed.boundary.kind
     twists = sorted(set(turns)) if kind.start_orientation and kind.end_orientation else [0]
     if not (isinstance(bows, int) and 0 < bows * len(twists) <= MOST_STARTS):

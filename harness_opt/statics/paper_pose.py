@@ -17,7 +17,7 @@ from harness_opt.rod.boundary import Case
 from harness_opt.rod.differential_quadrature import FEWEST, MOST, Dqm
 from harness_opt.rod.states import Rod
 from harness_opt.statics.mesh import ELEMENTS, refine
-from harness_opt.statics.solve import SOLVERS, resample, solve_on
+from harness_opt.statics.solve import SOLVER_OF, resample, solve_on
 
 POINTS = (21, 31, 45, 61, 81)  # tried in turn where the number is left open
 ITERATIONS = {"gauss-newton": 60, "levenberg-marquardt": 500, "ipopt": 200, "paper": 500}  # the tail of (26) is long
@@ -85,7 +85,7 @@ def _solve(case: Case, start: Rod, points: int, options: Quadrature) -> Quadratu
     nodes = method.rule.nodes
     at = start.sample(nodes)
     limits = Options(iterations=ITERATIONS[options.solver], stationary=True)
-    solution = SOLVERS[options.solver](method.least_squares(), method.pack(at.q, at.force), limits)
+    solution = SOLVER_OF[options.solver](method.least_squares(), method.pack(at.q, at.force), limits)
     q, moment, force = method.states(solution.x, nodes)
     rod = Rod(case.section, case.load, nodes, q, method.centreline(solution.x, nodes), force, moment)
     status, error = solution.status, np.inf

@@ -20,7 +20,7 @@ from harness_opt.rod.boundary import CLAMPED, Case
 from harness_opt.rod.collocation import BoundCollocation, collocation, pack, stations
 from harness_opt.rod.states import Defects, Rod
 
-SOLVERS: dict[str, Solver] = {
+SOLVER_OF: dict[str, Solver] = {  # by name, one for each of model.methods.SOLVERS
     "gauss-newton": gauss_newton.solve,
     "levenberg-marquardt": levenberg_marquardt.solve,
     "ipopt": ipopt.solve,
@@ -61,12 +61,16 @@ class Solved:
     @functools.cached_property
     def rod(self) -> Rod:
         """The states at the nodes."""
-        return _rod(self.case, self.bound, self.solution.x)
+        return self.bound.rod(self.solution.x)
 
     @functools.cached_property
     def factor(self) -> Factor:
         """The factorised Jacobian at the solution."""
         return factorise(self.bound.linearise(self.solution.x)[1])
+
+    def kept_factors(self) -> list[Factor]:
+        """Return the factorised Jacobians that this keeps in memory: the solver's last, and that of :attr:`factor`."""
+        return [factor for factor in (self.solution.factor, vars(self).get("factor")) if isinstance(factor, Factor)]
 
     @functools.cached_property
     def estimate(self) -> tuple[float, Array]:
@@ -127,13 +131,13 @@ def solve_on(
     tolerance = residual * math.sqrt(scale) + turned
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
-    solution = SOLVERS[solver](problem, x, options)
+    solution = SOLVER_OF[solver](problem, x, options)
     factor = solution.factor
     flat = factor is None or (not factor.singular and factor.condition > CONDITION_LIMIT)
     sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
     loose = solution.residual > (sharp.tolerance if flat else tolerance)
     if solver == NEAR_NULL_AFTER and loose and solution.residual <= FLOOR * math.sqrt(scale):
-        energy = (lambda x: _energy(case, bound, x)) if case.boundary.kind == CLAMPED else None
+        energy = (lambda x: _energy(bound, x)) if case.boundary.kind == CLAMPED else None
         steps = near_null.STEPS if near is None else near_null.FEW
         # where it did not converge, it may have strayed far, or be on the curve already
         starts = [solution.x] if solution.status.ok else [x]
@@ -147,14 +151,9 @@ def solve_on(
     return Solved(case, bound, solution)
 
 
-def _energy(case: Case, bound: BoundCollocation, x: Array) -> float:
+def _energy(bound: BoundCollocation, x: Array) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
-        return float(_rod(case, bound, x).energy())
-
-
-def _rod(case: Case, bound: BoundCollocation, x: Array) -> Rod:
-    states = bound.unpack(x)
-    return Rod(case.section, case.load, states.mesh, states.q, states.r, states.force, states.moment)
+        return float(bound.rod(x).energy())
 
 
 def resample(rod: Rod, mesh: Array) -> Array:
