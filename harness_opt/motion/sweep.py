@@ -116,7 +116,7 @@ def sweep(
     frames = on_one_mesh(follower.frames, solver)
     if len(frames) < len(follower.frames):
         status, message = Status.STEP_TOO_SMALL, follower.failure(len(frames), "no mesh serves for all frames")
-    units = rod_module.scale(follower.run.cable)[1]
+    units = rod_module.scale(problem.cables[name].cable)[1]
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
         return Sweep(frames, np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
