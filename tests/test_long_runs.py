@@ -14,7 +14,7 @@ from harness_opt.motion import follower as following
 from harness_opt.motion import frames as followed_frames
 from harness_opt.motion import sweep as sweeps
 from harness_opt.motion.common_mesh import common_mesh, on_mesh, on_one_mesh
-from harness_opt.motion.frames import LAST, Frames, Stretches, at_a_time, by_mesh
+from harness_opt.motion.frames import KEPT_FRAMES, Frames, Stretches, at_a_time, by_mesh
 from harness_opt.motion.rows_on_disk import RowsOnDisk
 from harness_opt.statics.mesh import ELEMENTS
 
@@ -37,7 +37,7 @@ def test_frames_on_disk_change_nothing(monkeypatch, rigour):
         found.append(sweeps.sweep(problem(), "lead", values, rigour=rigour))
     held, streamed = found
     assert held.frames.stowed == 0
-    assert streamed.frames.stowed >= 120 - LAST - at_a_time(streamed.frames[0])
+    assert streamed.frames.stowed >= 120 - KEPT_FRAMES - at_a_time(streamed.frames[0])
     assert np.array_equal(held.origins, streamed.origins)
     assert np.array_equal(held.errors, streamed.errors)
     for before, after in zip(held.frames, streamed.frames, strict=True):
@@ -55,7 +55,7 @@ def test_what_is_on_disk_takes_no_memory():
     for count, frame in enumerate(given, 1):
         frames.append(frame)
         assert len(frames) == count
-        assert count - frames.stowed <= LAST + at_a_time(frame)
+        assert count - frames.stowed <= KEPT_FRAMES + at_a_time(frame)
     assert all(stub.solution.factor is None and not stub.solution.x.size for stub in frames._stowed)
     assert all("rod" not in vars(stub) and stub.trail is None for stub in frames._stowed)
     assert np.array_equal(frames.errors()[0], given.errors()[0])

@@ -16,7 +16,7 @@ from harness_opt.rod.states import Rod
 from harness_opt.statics.solve import STAGES, error_estimate, solve_on
 
 FINE, FINE_STAGES = 96, 6  # elements and stages of the solve that stands for the truth
-ROUNDING = 1e-12  # true errors below this are not measured
+FORCE_ROUNDING = 1e-12  # true errors below this are not measured
 DOWN = np.array([0.0, 0.0, -1.0])
 ALONG_X = tuple(rotations.from_tangent((1, 0, 0)).tolist())
 TILTED = tuple(rotations.normalise([0.3, 0.2, -0.1, 0.9]).tolist())
@@ -92,7 +92,7 @@ def test_estimate_on_uniform_meshes(name, elements):
     solved = solve_on(case(*CASES[name], DOWN), mesh, guess(name, mesh, STAGES), "gauss-newton")
     true = np.max(np.linalg.norm(solved.rod.r - truth(name).r[:: FINE // elements], axis=1))
     estimate = error_estimate(solved)[0]
-    assert true > ROUNDING
+    assert true > FORCE_ROUNDING
     assert estimate > 0.1 * true
     if elements >= 6:  # the series behind the estimate is cut: on coarser meshes it errs on the safe side
         assert estimate < 10 * true
@@ -106,4 +106,4 @@ def test_estimate_that_the_user_sees(name, tolerance):
     true = np.max(np.linalg.norm(found.position - exact, axis=1))
     assert found.ok and found.estimated_error <= tolerance
     assert true <= tolerance
-    assert 0.1 * true < found.estimated_error < max(10 * true, 10 * ROUNDING)
+    assert 0.1 * true < found.estimated_error < max(10 * true, 10 * FORCE_ROUNDING)

@@ -20,8 +20,6 @@ from harness_opt.numerics.rotations import Array
 Distribution = Literal["uniform", "normal", "triangular"]
 DISTRIBUTIONS = ("uniform", "normal", "triangular")
 
-CUT = 4.0  # standard deviations at which a normal distribution that states no tolerance ends: one value in 16,000
-SHARE = 3.0  # standard deviations in the tolerance of one that states no deviation: one value in 370 is not built
 STANDARD = NormalDist()
 
 
@@ -61,7 +59,9 @@ class Tolerance:
     @classmethod
     def normal(cls, deviation: float, *, percent: bool = False, nominal: float | None = None) -> Tolerance:
         """Return a normal distribution of standard ``deviation``, cut off at four of them."""
-        return cls(CUT * deviation, percent, "normal", deviation, nominal)
+        # standard deviations at which a normal distribution that states no tolerance ends: one value in 16,000
+        normal_cut = 4.0
+        return cls(normal_cut * deviation, percent, "normal", deviation, nominal)
 
     @classmethod
     def between(cls, lower: float, upper: float) -> Tolerance:
@@ -73,7 +73,9 @@ class Tolerance:
     @property
     def _deviation(self) -> float:
         """Standard deviation of the normal distribution before it is cut, in half tolerances."""
-        return 1.0 / SHARE if self.deviation is None else self.deviation / self.plus_minus
+        # standard deviations in the tolerance of one that states no deviation: one value in 370 is not built
+        stated_deviations = 3.0
+        return 1.0 / stated_deviations if self.deviation is None else self.deviation / self.plus_minus
 
     def offsets(self, probability: Array) -> Array:
         """Return the values, -1 to 1 half tolerances from the nominal one, below which ``probability`` (...) lies."""

@@ -26,7 +26,6 @@ from harness_opt.statics.release import is_stable
 from harness_opt.statics.solve import Solved, error_estimate, error_from_defects, resample, solve_on
 
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
-MOST_MESHES = 40  # that were too coarse, in one motion
 
 Progress = Callable[[str, int, int], None]
 
@@ -65,13 +64,14 @@ class CableFollower:
             guesses: solves of a like motion to start from, one a frame or None.
             check: whether stability is checked, for BATCH frames at a time, and gone back to where it is lost.
         """
+        most_meshes = 40  # that were too coarse, in one motion
         checked, total = 0, len(self.motion)
         given: Sequence[Solved | None] = guesses or [None] * total
         begin = self._refined(self._start(first, given[0]))
         if begin is None:
             return Status.NO_START, self.failure(0, "no shape joins its two ends there")
         self.frames.append(begin)
-        while self.frames and self._meshes <= MOST_MESHES:
+        while self.frames and self._meshes <= most_meshes:
             lost, why = None, "the shape was lost and no stable one found again"
             while len(self.frames) < total and not (check and len(self.frames) - checked >= BATCH):
                 solved = self._advance(given[len(self.frames)])

@@ -31,7 +31,6 @@ from harness_opt.motion.path import place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
-ORTHONORMAL = 1e-9  # most that the entries of A^T A may differ from the identity's: matrices typed in full, or computed
 # what NumPy raises on a file that is no npz archive of plain arrays: cut short, another program's, pickled, damaged
 UNREADABLE = (ValueError, EOFError, KeyError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
 
@@ -267,17 +266,19 @@ def _numbers(name: str, value: object, shape: tuple[int, ...], point: str) -> tu
 
 def _improper(rotation: Array, point: str) -> str:
     """Return which of the matrices (M, 3, 3) is the first that is no rotation, and why, or an empty text."""
+    # most that the entries of A^T A may differ from the identity's: matrices typed in full, or computed
+    orthonormal = 1e-9
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.max(np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)), axis=(1, 2))
-        bad = np.flatnonzero(~((off <= ORTHONORMAL) & (np.linalg.det(rotation) > 0)))
+        bad = np.flatnonzero(~((off <= orthonormal) & (np.linalg.det(rotation) > 0)))
     if not len(bad):
         return ""
     k = int(bad[0])
-    if off[k] <= ORTHONORMAL:
+    if off[k] <= orthonormal:
         return f"rotation: found a matrix of determinant -1 at {point} {k}, expected a rotation, determinant +1"
     return (
         f"rotation: found a matrix A at {point} {k} whose A^T A differs from the identity by {off[k]:.2g}, "
-        f"expected a rotation, at most {ORTHONORMAL:g}"
+        f"expected a rotation, at most {orthonormal:g}"
     )
 
 

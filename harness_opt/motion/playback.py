@@ -40,11 +40,7 @@ from harness_opt.numerics.rotations import Array
 
 AT_FRAME = 1e-12  # motion values this close are one: t / duration, rounded
 MOST_MOMENTS = 20_000
-BLOCK = 256  # moments computed together, so that long playbacks need no more memory than their profiles
-CLOSED = 1e-12  # what may be missing at the end clamp, in lengths of the cable and rad
-MOST_STEPS = 30  # of Newton's method; two to four are usual
-RANK = 1e-13  # eigenvalue, in the largest, below which a straight cable can't move its end that way
-SMALL = 1e-6  # rad, below which the coefficients of a rotation are those of none to rounding
+MOST_MISSED = 1e-12  # what may be missing at the end clamp, in lengths of the cable and rad
 E3 = np.array([0.0, 0.0, 1.0])
 
 
@@ -105,13 +101,14 @@ def between(motion: Motion, cable: str, values: Array, interpolation: str) -> tu
     Raises:
         ProblemError, SolveError: as :func:`display`.
     """
+    moments_at_once = 256  # moments computed together, so that long playbacks need no more memory than their profiles
     if interpolation not in INTERPOLATIONS:
         expected = " or ".join(map(repr, INTERPOLATIONS))
         raise ProblemError(f"interpolation: found {interpolation!r}, expected {expected}")
     lead = solved(motion, cable)
     blocks = []
-    for first in range(0, len(values), BLOCK):
-        block = values[first : first + BLOCK]
+    for first in range(0, len(values), moments_at_once):
+        block = values[first : first + moments_at_once]
         here = _place(motion, cable, block)
         if interpolation == "linear":
             position, rotation = _linear(lead, here)
@@ -185,8 +182,8 @@ def _exact(motion: Motion, cable: str, values: Array, here: _Place) -> tuple[Arr
         frame = rotations.matrix(_shortest(before[0][:, 0], after[0][:, 0], w))
     curve = _Curve(origin, frame, turn, shift, np.diff(lead.s) / length)
     r, a, missing = _closed(curve, clamps, run.cable.stiffness)
-    if not np.all(missing <= CLOSED):
-        k = int(np.argmin(missing <= CLOSED))
+    if not np.all(missing <= MOST_MISSED):
+        k = int(np.argmin(missing <= MOST_MISSED))
         raise SolveError(
             f"cable {cable}, motion {values[k]:.4f}: no curve between frames {here.before[k]} and {here.after[k]} was "
             "found that meets the clamps; try a smaller motion.spatial_step, or the linear interpolation",
@@ -207,8 +204,9 @@ def _coefficients(turn: Array) -> tuple[Array, Array, Array]:
 
     Where cancellation costs their digits, what they multiply is as small: the poses lose none.
     """
+    small_angle = 1e-6  # rad, below which the coefficients of a rotation are those of none to rounding
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
-    t = np.maximum(angle, SMALL)
+    t = np.maximum(angle, small_angle)
     cotangent = (1.0 - 0.5 * t / np.tan(0.5 * t)) / t**2
     return 0.5 * np.sinc(0.5 * angle / np.pi) ** 2, (t - np.sin(t)) / t**3, cotangent
 
@@ -323,13 +321,15 @@ def _closed(curve: _Curve, clamps: _Clamps, stiffness: Array) -> tuple[Array, Ar
     Gram matrix of the moments they cause, weighted by the compliance; and they are such that no force and no moment is
     left at the start where it is free to move.
     """
+    rank_tolerance = 1e-13  # eigenvalue, in the largest, below which a straight cable can't move its end that way
+    most_steps = 30  # of Newton's method; two to four are usual
     compliance = (stiffness.max() / stiffness)[:, None]
     weights = 0.5 * (np.append(curve.steps, 0.0) + np.append(0.0, curve.steps))[:, None, None]
-    for _ in range(MOST_STEPS):
+    for _ in range(most_steps):
         r, a = curve.nodes()
         gap = clamps.gap(r, a)
         missing = np.max(np.abs(gap), axis=1, initial=0.0)
-        if np.all(missing <= CLOSED) or not np.all(np.isfinite(missing)):
+        if np.all(missing <= MOST_MISSED) or not np.all(np.isfinite(missing)):
             break
         moments, force = clamps.loads(r, a)
         count = gap.shape[1]
@@ -341,7 +341,7 @@ def _closed(curve: _Curve, clamps: _Clamps, stiffness: Array) -> tuple[Array, Ar
         system[:, :count, :count] = np.swapaxes(rows, 1, 2) @ rows
         system[:, count:, :count] = free
         system[:, :count, count:] = np.swapaxes(free, 1, 2)
-        answer = np.linalg.pinv(system, rcond=RANK, hermitian=True)[:, :, :count] @ gap[..., None]
+        answer = np.linalg.pinv(system, rcond=rank_tolerance, hermitian=True)[:, :, :count] @ gap[..., None]
         change = compliance * (moments @ answer[:, None, :count])
         curve = curve.bent(change[..., 0]).moved(answer[:, count:-3, 0], answer[:, -3:, 0])
     return r, a, missing

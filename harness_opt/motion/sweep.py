@@ -29,7 +29,6 @@ from harness_opt.statics.solve import Solved, resample, solve_on
 
 Rigour = Literal["full", "stable", "quick look"]
 
-FEW = 20  # frames that are too inaccurate, up to which their near-null directions are looked for
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
@@ -149,11 +148,12 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
     """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
     possible.
     """
+    few_frames = 20  # frames that are too inaccurate, up to which their near-null directions are looked for
     before = np.inf
     while True:
         errors, local = frames.errors()
         loose = np.flatnonzero(~(errors <= tolerance))
-        if 0 < len(loose) <= FEW:
+        if 0 < len(loose) <= few_frames:
             changed = {
                 k: better for k in loose.tolist() if (better := solve_along_near_null(frames[k])) is not frames[k]
             }

@@ -25,15 +25,8 @@ FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff med
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
 NEWTON_SHIFT = 3e-7  # a shift below this, in the multipliers' size, hides no direction of descent
 SMALL_STEP, NO_GAIN = 1e-2, 1e-10  # rad; of the energy: a last step is shorter, and what it gains less
-LAST_STEP = 5e-3  # rad: of one of Newton's own that is shorter its square is left
-NEAR_MINIMUM = 0.3  # of the longest step: after a good one that is shorter, one without a shift is tried
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
-IDLE = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides what is left
-MISSED = 1e-6  # constraints are held to this, or to CLOSE of the least room that they leave
-CLOSE = 1e-5
-SQUARE = 0.1  # of the square of a step (what is left to the next one), up to which they may be missed after it
 CORRECTIONS, MOST_RETURNS = 8, 30  # steps back onto the constraints: from a step, from a first guess
-COARSE_STEPS = 3  # steps that may be shortened because they would strain the landscape, until it is given back
 
 
 class Ended(enum.Enum):
@@ -60,11 +53,13 @@ class _Minimiser:
     """A descent under way; arguments as :func:`descend`."""
 
     def __init__(self, landscape: Landscape, q: Array, multipliers: Array, shift: float, longest: float, room: float):
+        room_share = 1e-5
+        constraint_tolerance = 1e-6  # constraints are held to this, or to ROOM_SHARE of the least room that they leave
         self.landscape, self.q, self.multipliers = landscape, q, multipliers
         self.shift, self.longest = shift, longest
         self.level: tuple[float, Array] | None = None  # energy at ``q``, and what is missed of the constraints
         self.coarse_steps = self.idle = 0
-        self.room, self.tolerance = room, min(MISSED, CLOSE * room)
+        self.room, self.tolerance = room, min(constraint_tolerance, room_share * room)
         self.linear = symmetric(landscape.sparsity)
         self.here: Expansion | None = None  # about ``q``, where it is known already
         self.last_shift: float | None = None  # the shift to go back to, where one far smaller is tried
@@ -97,7 +92,9 @@ class _Minimiser:
 
     def allowed_miss(self, size: float) -> float:
         """Return how much of the constraints a step of this size (rad) may leave to the next one."""
-        return max(self.tolerance, SQUARE * self.room * size**2)
+        # of the square of a step (what is left to the next one), up to which they may be missed after it
+        square_left = 0.1
+        return max(self.tolerance, square_left * self.room * size**2)
 
     def corrected(self, q: Array, size: float) -> tuple[Array, float, Array] | None:
         """Return ``q`` brought back onto the constraints by the step's own matrix, its energy and what it still misses.
@@ -121,6 +118,9 @@ class _Minimiser:
 
     def advance(self) -> Ended | None:
         """Take one step, with as much of a shift as it needs; return how the descent ended, or None to go on."""
+        most_coarse = 3  # steps that may be shortened because they would strain the landscape, until it is given back
+        most_idle = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides what is left
+        last_step = 5e-3  # rad: of one of Newton's own that is shorter its square is left
         here, self.here = self.here or self.landscape.expand(self.q, self.multipliers), None
         energy, missed = self.level or self.landscape.energy(self.q)
         positive = False  # once it is, a longer shift leaves it so
@@ -144,14 +144,14 @@ class _Minimiser:
             slight = self.shift <= NEWTON_SHIFT * (1.0 + float(np.linalg.norm(multipliers)))
             idle = size < SMALL_STEP and gain < NO_GAIN
             there = self.landscape.move(self.q, step)
-            if (slight and (idle or size < LAST_STEP)) or (idle and self.idle >= IDLE):
+            if (slight and (idle or size < last_step)) or (idle and self.idle >= most_idle):
                 held = self.corrected(there, 0.0)
                 self.q, self.multipliers = there if held is None else held[0], multipliers
                 return Ended.AT_MINIMUM
             trial = self.corrected(there, size)
             if trial is not None and self.landscape.too_coarse(trial[0]):
                 self.coarse_steps += 1
-                if self.coarse_steps > COARSE_STEPS:
+                if self.coarse_steps > most_coarse:
                     return Ended.TOO_COARSE
                 trial = None
             if trial is not None:
@@ -172,12 +172,13 @@ class _Minimiser:
         self.last_shift = None
 
     def _lower_shift(self, ratio: float, size: float) -> None:
+        near_minimum = 0.3  # of the longest step: after a good one that is shorter, one without a shift is tried
         self.last_shift = None
         if ratio < POOR:
             self.shift *= 3.0
         elif ratio > GOOD:
             self.shift *= 0.5 if size > 0.5 * self.longest else 0.15 if size > SMALL_STEP else 0.02
-            if size < NEAR_MINIMUM * self.longest and self.shift > NEWTON_SHIFT:
+            if size < near_minimum * self.longest and self.shift > NEWTON_SHIFT:
                 self.last_shift, self.shift = self.shift, NEWTON_SHIFT
         self.shift = max(self.shift, LEAST_SHIFT)
 

@@ -30,10 +30,8 @@ CONDITION_LIMIT, TAUT_LIMIT = 1e9, 1e15
 # Below this one a factor serves for problems nearby too. Of a shape that may turn freely the Jacobian is singular at
 # the solution alone: off it, and that is where it is mostly factorised, the condition number is anything from 5e4 up.
 BENIGN = 1e6
-RANK_TOLERANCE = 1e-11  # singular values below this fraction of the largest count as zero
 MOST_DENSE = 1500  # unknowns up to which singular values are looked at: a second's work
 LIGHT = 1e-4  # weight of a full row below a band
-ROUNDS = 2000  # of the iteration that solves larger problems
 
 
 @dataclass(frozen=True)
@@ -72,6 +70,7 @@ class Factor:
 
     def solve(self, b: Array) -> Array:
         """Return y that solves J y = b (m,) or (m, k): exactly, or in least squares with minimum norm."""
+        rank_tolerance = 1e-11  # singular values below this fraction of the largest count as zero
         if self.bordered:
             return self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
         if self.lu is not None:
@@ -79,7 +78,7 @@ class Factor:
         if self.jacobian.shape[1] > MOST_DENSE and self.jacobian.shape[0] == self.jacobian.shape[1]:
             return _iterated(self.jacobian, b)
         return scipy.linalg.lstsq(
-            self.jacobian.toarray(), b, cond=RANK_TOLERANCE, lapack_driver="gelsy", check_finite=False
+            self.jacobian.toarray(), b, cond=rank_tolerance, lapack_driver="gelsy", check_finite=False
         )[0]
 
 
@@ -118,9 +117,10 @@ def _iterated(jacobian: sp.csc_array, b: Array) -> Array:
     LSMR (Fong and Saunders, SIAM J. Sci. Comput. 33, 2011): memory and time are bounded, and directions that are all
     but lost stay out.
     """
+    most_iterations = 2000  # of the iteration that solves larger problems
     scaled, rows, columns = _equilibrated(jacobian)
     found = [
-        columns * spla.lsmr(scaled, rows * column, atol=1e-14, btol=1e-14, conlim=0.0, maxiter=ROUNDS)[0]
+        columns * spla.lsmr(scaled, rows * column, atol=1e-14, btol=1e-14, conlim=0.0, maxiter=most_iterations)[0]
         for column in b.reshape(len(rows), -1).T
     ]
     return np.stack(found, axis=1).reshape(-1, *b.shape[1:])

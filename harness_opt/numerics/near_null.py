@@ -24,14 +24,7 @@ from harness_opt.numerics.interface import Array, LeastSquares, Options, Solutio
 from harness_opt.numerics.linear import LIGHT, bordered_matrix, null_vectors
 
 STEPS, FEW = 120, 6  # along the near-null curve: as far as it goes, or nearby
-RISES = 4  # steps to where a slope of the same sign is steeper: one that has no root is least somewhere, and rises
-CORRECTIONS = 8  # Newton steps back to the curve
-DIVERGED = 2.0  # times what was missed before: Newton's steps do not come back
-FIRST_STEP = 0.1  # of x
-GROWTH, CAREFUL = 3.0, 1.25  # most that a step may be longer than the last one: at first, and after one was too long
-BEND = 0.5  # rad, most that the near-null direction may turn in a step
-SMALLEST_STEP = 1e-6
-BLURRED = 1e-10  # relative: a change of the energy that the solver may have made by what it leaves
+ENERGY_NOISE = 1e-10  # relative: a change of the energy that the solver may have made by what it leaves
 
 
 def solve(
@@ -51,7 +44,14 @@ def solve(
         energy: what solutions are stationary points of; None where there is none.
         steps: most that are taken along the curve.
     """
-    step, spent, rises, down, growth = 0.0, 0, 0, 0.0, GROWTH
+    # most that a step may be longer than the last one: at first, and after one was too long
+    first_growth, later_growth = 3.0, 1.25
+    first_step = 0.1  # of x
+    # steps to where a slope of the same sign is steeper: one that has no root is least somewhere, and rises
+    most_rises = 4
+    least_step = 1e-6
+    most_turn = 0.5  # rad, most that the near-null direction may turn in a step
+    step, spent, rises, down, growth = 0.0, 0, 0, 0.0, first_growth
     steep: float | None = None
     level: float | None = None
     across = null_vectors(problem.linearise(x)[1])
@@ -61,9 +61,9 @@ def solve(
         found, used = _point_on_curve(problem, x, across, step, options.tolerance)
         spent += used
         beyond = None if found is None else null_vectors(problem.linearise(found[0])[1], across)
-        if found is None or beyond is None or (step and np.linalg.norm(beyond[1] - across[1]) > BEND):
-            step, growth = 0.5 * step, CAREFUL
-            if abs(step) < SMALLEST_STEP:
+        if found is None or beyond is None or (step and np.linalg.norm(beyond[1] - across[1]) > most_turn):
+            step, growth = 0.5 * step, later_growth
+            if abs(step) < least_step:
                 break
             continue
         (x, slope), across = found, beyond
@@ -72,14 +72,14 @@ def solve(
             return Solution(x, Status.OK, residual, spent)
         if energy is not None and not down:
             above, level = level, energy(x)
-            if above is not None and abs(level - above) > BLURRED * (1.0 + abs(level)):
+            if above is not None and abs(level - above) > ENERGY_NOISE * (1.0 + abs(level)):
                 down = float(np.sign(step * (above - level) * (steep or slope)))  # times the slope: which way is down
         rises += not down and steep is not None and slope * steep > 0.0 and abs(slope) > abs(steep)
-        if rises > RISES:
+        if rises > most_rises:
             break
         longest = growth * abs(step)
         if steep is None:
-            step = FIRST_STEP
+            step = first_step
         elif steep == slope:
             step *= growth
         else:
@@ -97,15 +97,17 @@ def _point_on_curve(
 
     None in place of the point where they do not converge.
     """
+    diverged = 2.0  # times what was missed before: Newton's steps do not come back
+    most_corrections = 8  # Newton steps back to the curve
     left, right = across
     there, slope, before = x + step * right, 0.0, np.inf
-    for iteration in range(CORRECTIONS + 1):
+    for iteration in range(most_corrections + 1):
         residual, jacobian = problem.linearise(there)
         missed = np.append(residual + slope * left, LIGHT * (right @ (there - x) - step))
         size = largest(missed)
         if size <= tolerance:
             return (there, slope), iteration
-        if iteration == CORRECTIONS or size > DIVERGED * before or not np.all(np.isfinite(jacobian.data)):
+        if iteration == most_corrections or size > diverged * before or not np.all(np.isfinite(jacobian.data)):
             break
         before = size
         change = spla.splu(bordered_matrix(jacobian, left, right), permc_spec="NATURAL").solve(-missed)

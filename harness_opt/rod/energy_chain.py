@@ -38,11 +38,10 @@ from harness_opt.rod.boundary import Boundary
 from harness_opt.rod.element_pattern import DEGREE, UNKNOWNS, pattern
 from harness_opt.rod.equations import Section
 
-NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0])  # Lobatto's
-NEIGHBOURS, WHOLE = 1.0, 2.5  # rad that neighbouring nodes, and those of an element, may be turned to each other
+LOBATTO_NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0])  # Lobatto's
 
 
-_POLYNOMIALS = np.linalg.inv(np.vander(NODES, increasing=True))  # those that are 1 at one node, by columns
+_POLYNOMIALS = np.linalg.inv(np.vander(LOBATTO_NODES, increasing=True))  # those that are 1 at one node, by columns
 
 
 def _lagrange(at: Array) -> tuple[Array, Array]:
@@ -220,7 +219,7 @@ class Chain:
         self._pattern = pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
         self._functions = _functions(count, exact, wanted())
         self._parameters = np.concatenate([steps, mesh[:-1], section.stiffness, section.rest_curvature, load])
-        self.nodes = np.append((mesh[:-1, None] + steps[:, None] * NODES[:-1]).ravel(), 1.0)
+        self.nodes = np.append((mesh[:-1, None] + steps[:, None] * LOBATTO_NODES[:-1]).ravel(), 1.0)
         self.points = (mesh[:-1, None] + steps[:, None] * gauss(DEGREE).nodes).ravel()
         share = np.gradient(self.nodes)
         share[[0, -1]] *= 0.5
@@ -312,10 +311,12 @@ class Chain:
 
     def too_coarse(self, q: Array) -> bool:
         """Return whether an element is turned further than its polynomials can follow."""
+        # rad that neighbouring nodes, and those of an element, may be turned to each other
+        most_turn_next, most_turn_element = 1.0, 2.5
         nodes = q[self._pattern.nodes]
         neighbours = np.sum(nodes[:, 1:] * nodes[:, :-1], axis=-1)
         ends = np.sum(nodes[:, 1:] * nodes[:, :1], axis=-1)
-        return bool(np.min(neighbours) < np.cos(0.5 * NEIGHBOURS) or np.min(ends) < np.cos(0.5 * WHOLE))
+        return bool(np.min(neighbours) < np.cos(0.5 * most_turn_next) or np.min(ends) < np.cos(0.5 * most_turn_element))
 
     # -- in and out --------------------------------------------------------------------------------------------
 

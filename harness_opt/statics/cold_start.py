@@ -16,15 +16,12 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
 from harness_opt.statics.curls import minimum_with_curls
-from harness_opt.statics.energy_minimum import COILED, QUICK, TWISTED, WORK, EnergyMinimum, minimise_energy
+from harness_opt.statics.energy_minimum import COILED, LITTLE_WORK, TWISTED, WORK, EnergyMinimum, minimise_energy
 from harness_opt.statics.from_minimum import solve_from_minimum
 from harness_opt.statics.load_stepping import softened, stiffen, tighten
 from harness_opt.statics.release import stabilised
 from harness_opt.statics.solve import STAGES, Solved, solve_on
-from harness_opt.statics.starting_curve import EASY, curve, loose, signed
-
-SAME = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
-STRAIGHT = 1e-8  # slack below which a cable is taken for straight
+from harness_opt.statics.starting_curve import EASY_SLACK, curve, loose, signed
 
 
 def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
@@ -47,14 +44,15 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterat
     Args:
         case, turns, bow, solver: as in :func:`cold_start`.
     """
+    straight_slack = 1e-8  # slack below which a cable is taken for straight
     boundary, kind = case.boundary, case.boundary.kind
     slack = 1.0 - float(np.linalg.norm(boundary.gap))
-    taut = kind.start_position and kind.end_position and slack < EASY
+    taut = kind.start_position and kind.end_position and slack < EASY_SLACK
     begun, s, q = curve(case, boundary, turns, bow)
-    if taut and slack <= STRAIGHT:
+    if taut and slack <= straight_slack:
         yield from _some(_straight(begun, s, q, solver))
         return
-    work = QUICK if taut else WORK
+    work = LITTLE_WORK if taut else WORK
     minimum = minimise_energy(softened(begun, s, q, COILED), s, q, np.zeros(3), short_steps=False, work=work)
     if minimum is not None:
         minimum = stiffen(begun, minimum, work, shorten_steps=not taut)
@@ -96,7 +94,7 @@ def _tightened(case: Case, turns: int, bow: Array | None, coiled: float, solver:
     if minimum is not None:
         minimum = tighten(dataclasses.replace(case, section=soft.section), minimum)
     if minimum is not None:
-        minimum = stiffen(case, minimum, QUICK)
+        minimum = stiffen(case, minimum, LITTLE_WORK)
     return _solved(case, minimum, solver)
 
 
@@ -118,13 +116,14 @@ def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
 
 def _starts(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
     """Yield shapes from curves with different bows, then from curls; arguments as of :func:`cold_start`."""
+    same_frames = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
 
     def frames(wish: Array | None) -> Array:
         return curve(case, loose(case.boundary), turns, wish)[2]
 
     tried = list[Array | None]()
     for wish in _bows(case, bow):
-        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=SAME) for other in tried):
+        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=same_frames) for other in tried):
             continue
         tried.append(wish)
         yield from from_curve(case, turns, wish, solver)

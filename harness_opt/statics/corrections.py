@@ -10,20 +10,19 @@ from harness_opt.numerics.linear import CONDITION_LIMIT, Factor
 from harness_opt.rod.collocation import BoundCollocation
 from harness_opt.statics.solve import RESIDUAL, Solved
 
-POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
-SETTLED, SETTLINGS = 0.3, 12  # part of the residual that following the near-null curve is to leave, and how often
-
 
 def solve_along_near_null(solved: Solved) -> Solved:
     """Return a solve carried on along its near-null direction until rounding hides the rest; unchanged without one.
 
     Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
     """
+    # part of the residual that following the near-null curve is to leave, and how often
+    part_left, most_repeats = 0.3, 12
     if solved.factor.condition < CONDITION_LIMIT:
         return solved
     problem, best = solved.bound.least_squares(), solved.solution
-    for _ in range(SETTLINGS):
-        followed = near_null.solve(problem, best.x, Options(SETTLED * best.residual, 0))
+    for _ in range(most_repeats):
+        followed = near_null.solve(problem, best.x, Options(part_left * best.residual, 0))
         if not followed.status.ok:
             break
         best = followed
@@ -47,10 +46,12 @@ def correct_to_rounding(solved: Solved) -> Solved:
 
 def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
     """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
-    for _ in range(POLISHES):
+    # part of the residual that a last correction is to leave, and how many there are
+    most_left, most_corrections = 0.5, 4
+    for _ in range(most_corrections):
         x = best.x - factor.solve(bound.residual(best.x))
         left = largest(bound.residual(x))
-        if not left < POLISHED * best.residual:
+        if not left < most_left * best.residual:
             break
         best = dataclasses.replace(best, x=x, residual=left)
     return best

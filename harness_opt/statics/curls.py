@@ -21,11 +21,7 @@ from harness_opt.statics.energy_minimum import COILED, EnergyMinimum, minimise_e
 from harness_opt.statics.load_stepping import softened, stiffen, tighten
 from harness_opt.statics.starting_curve import curve, loose, signed
 
-SHARE = 0.5  # of the slack: what the curls take up
-TILT = 0.15  # rad, of the axis of a curl towards the tangent
-APART = 2.0  # lengths of a curl, from one to the next where they gather
-EVEN = 1e-3  # relative: a tension that differs by less along the cable gathers no curls
-BASE, CIRCLE = 241, 25  # places at which the cable without its curls is looked at, and a curl
+BASE_PLACES, CURL_PLACES = 241, 25  # places at which the cable without its curls is looked at, and a curl
 
 
 def minimum_with_curls(case: Case, turns: int, bow: Array | None) -> EnergyMinimum | None:
@@ -37,10 +33,11 @@ def minimum_with_curls(case: Case, turns: int, bow: Array | None) -> EnergyMinim
         case: what is sought.
         turns, bow: as in :func:`~harness_opt.statics.cold_start.cold_start`.
     """
+    curls_share = 0.5  # of the slack: what the curls take up
     if not turns or case.boundary.kind != CLAMPED:
         return None
     boundary = loose(case.boundary)
-    taken = SHARE * (1.0 - float(np.linalg.norm(boundary.gap)))
+    taken = curls_share * (1.0 - float(np.linalg.norm(boundary.gap)))
     shorter = dataclasses.replace(boundary, gap=boundary.gap / (1.0 - taken))
     begun, s, q = curve(case, shorter, 0, bow)
     soft = softened(begun, s, q, COILED)
@@ -61,18 +58,19 @@ def minimum_with_curls(case: Case, turns: int, bow: Array | None) -> EnergyMinim
 
 def _with_curls(base: EnergyMinimum, turns: int, taken: float) -> tuple[Array, Array]:
     """Return arc lengths (m,) and quaternions (m, 4) of a cable that has curls for part ``taken`` of its length."""
+    tilt = 0.15  # rad, of the axis of a curl towards the tangent
     count, chain = abs(turns), base.chain
     length = taken / count
     softer = int(np.argmin(chain.section.stiffness[:2]))
     axis = np.zeros(3)
-    axis[softer], axis[2] = np.cos(TILT), np.sign(turns) * np.sin(TILT)
-    circle = np.linspace(0.0, 1.0, CIRCLE)
+    axis[softer], axis[2] = np.cos(tilt), np.sign(turns) * np.sin(tilt)
+    circle = np.linspace(0.0, 1.0, CURL_PLACES)
     around = rotations.from_rotation_vector(2.0 * np.pi * circle[:, None] * axis)  # ends at the other sign
     places = _places(base, count, length)
     pieces_s, pieces_q = [], []
     edges = np.concatenate([[0.0], places, [1.0]])
     for i, (begin, end) in enumerate(itertools.pairwise(edges.tolist())):
-        u = np.linspace(begin, end, max(2, round(BASE * (end - begin))))
+        u = np.linspace(begin, end, max(2, round(BASE_PLACES * (end - begin))))
         q = (-1.0) ** i * chain.sample(base.q, u)[0]
         pieces_s.append((1.0 - taken) * u + i * length)
         pieces_q.append(q)
@@ -84,12 +82,14 @@ def _with_curls(base: EnergyMinimum, turns: int, taken: float) -> tuple[Array, A
 
 def _places(base: EnergyMinimum, count: int, length: float) -> Array:
     """Return where the curls go, (count,), in lengths of the cable without them: evenly, or where it is least tense."""
+    even_tension = 1e-3  # relative: a tension that differs by less along the cable gathers no curls
+    spacing = 2.0  # lengths of a curl, from one to the next where they gather
     chain = base.chain
-    u = np.linspace(0.0, 1.0, BASE)
+    u = np.linspace(0.0, 1.0, BASE_PLACES)
     tension = np.linalg.norm(chain.force(base.multipliers) + (1.0 - u)[:, None] * chain.load, axis=1)
     apart = 1.0 / count
-    if np.ptp(tension) > EVEN * np.max(tension):
-        apart = min(apart, APART * length)
+    if np.ptp(tension) > even_tension * np.max(tension):
+        apart = min(apart, spacing * length)
     offsets = apart * (np.arange(count) - 0.5 * (count - 1))
     middle = np.clip(u[np.argmin(tension)], 0.5 * apart * count, 1.0 - 0.5 * apart * count)
     return np.asarray(middle + offsets)

@@ -14,18 +14,14 @@ from harness_opt.rod.energy_chain import Chain
 from harness_opt.statics.curl_steps import has_curls, move_curls
 from harness_opt.statics.mesh import ELEMENTS, divided
 
-TURNING, BENDING = 1.2, 0.8  # rad an element; root of the rad by which its curvature changes the turning
-LOOSE = 1.6  # how far a chain may miss that at the minimum
-SPREAD, GROWTH = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
-ROWS = 64  # of distances between places, looked at together: what a processor keeps at hand
+TURNING_PER_ELEMENT, CHANGE_PER_ELEMENT = (
+    1.2,
+    0.8,
+)  # rad an element; root of the rad by which its curvature changes the turning
 SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: as through a viscous medium, and where any minimum will do
 WORK = 60_000  # elements times steps that a descent may take: some seconds
-QUICK = 8_000  # the same for a descent that another one can stand in for
-ROUND = 20  # steps of a descent, after which curls are moved on
-ROUNDS, SLIGHT = 8, 1e-11  # of them, that bring curls to the last digit; relative, of the energy: what is gained there
-DRIFTED = 2.0  # times its length, or the inverse: an element that has changed so much does not fit any more
-LITTLE = 1e-4  # relative, of the energy: a round that gains less hardly goes down
-STANDSTILL = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
+LITTLE_WORK = 8_000  # the same for a descent that another one can stand in for
+STEPS_A_ROUND = 20  # steps of a descent, after which curls are moved on
 WARM_SHIFT = 1e-3  # first shift of a descent that goes on from a minimum
 COILED, TWISTED = 100.0, 6.0  # rad in its length, of the waves M / k that it may bend in, and that it hardly does in
 
@@ -61,7 +57,7 @@ def minimise_energy(
     """
     spin = rotations.rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
     middles = 0.5 * (s[1:] + s[:-1])
-    mesh = fitted(middles, np.linalg.norm(spin, axis=1) / np.diff(s) / TURNING)
+    mesh = fitted(middles, np.linalg.norm(spin, axis=1) / np.diff(s) / TURNING_PER_ELEMENT)
     chain = Chain(case.section, case.load, case.boundary, mesh)
     nodes = chain.clamped(_between(s, q, chain.nodes))
     multipliers = force if chain.closed else chain.multipliers
@@ -82,13 +78,15 @@ def fitted(s: Array, needed: Array) -> Array:
 
     Lengths change gradually, and what is dense stays dense for some elements on either side: curls move.
     """
+    rows_at_once = 64  # of distances between places, looked at together: what a processor keeps at hand
+    kept_lengths, growth_rate = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
     fine = np.unique(np.concatenate([s, np.linspace(0.0, 1.0, 8 * ELEMENTS[0] + 1)]))
     size = 1.0 / np.maximum(np.interp(fine, s, needed), ELEMENTS[0])
-    # size + GROWTH max(0, distance - SPREAD size), of whatever asks for least
-    grown, begun = GROWTH * fine, (1.0 - GROWTH * SPREAD) * size
+    # size + GROWTH_RATE max(0, distance - KEPT_LENGTHS size), of whatever asks for least
+    grown, begun = growth_rate * fine, (1.0 - growth_rate * kept_lengths) * size
     spread = [
-        np.min(np.maximum(size, np.abs(grown[i : i + ROWS, None] - grown) + begun), axis=1)
-        for i in range(0, len(fine), ROWS)
+        np.min(np.maximum(size, np.abs(grown[i : i + rows_at_once, None] - grown) + begun), axis=1)
+        for i in range(0, len(fine), rows_at_once)
     ]
     size = np.concatenate(spread)
     run = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 2.0 / (size[1:] + size[:-1]))])
@@ -100,7 +98,7 @@ def density(omega: Array, s: Array) -> Array:
     """Return the elements per length (m,) that a shape with Darboux vectors (m, 3) at ``s`` (m,) needs."""
     change = np.linalg.norm(np.diff(omega, axis=0), axis=1) / np.diff(s)
     nearby = np.maximum(np.append(change, 0.0), np.append(0.0, change))
-    return np.maximum(np.linalg.norm(omega, axis=1) / TURNING, np.sqrt(nearby) / BENDING)
+    return np.maximum(np.linalg.norm(omega, axis=1) / TURNING_PER_ELEMENT, np.sqrt(nearby) / CHANGE_PER_ELEMENT)
 
 
 @dataclass(frozen=True)
@@ -124,11 +122,15 @@ def descend_to_minimum(
     chain: Chain, q: Array, multipliers: Array, shift: float, limits: DescentLimits
 ) -> EnergyMinimum | None:
     """Descend on ``chain``, and on others made to fit, to the minimum of one that fits; None where that fails."""
+    few_steps = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
+    little_gain = 1e-4  # relative, of the energy: a round that gains less hardly goes down
+    most_drift = 2.0  # times its length, or the inverse: an element that has changed so much does not fit any more
+    most_misfit = 1.6  # how far a chain may miss that at the minimum
     room, work = _room(chain), limits.work
     standstills, grown, above = 0, np.ones(len(chain.mesh) - 1), np.inf
     while work > 0:
         elements = len(chain.mesh) - 1
-        steps = max(1, min(ROUND, work // elements) if limits.moves_curls else work // elements)
+        steps = max(1, min(STEPS_A_ROUND, work // elements) if limits.moves_curls else work // elements)
         found = descend(chain, q, multipliers, longest=limits.longest, steps=steps, shift=shift, room=room)
         q, multipliers = found.q, found.multipliers
         if found.ended is Ended.STUCK:
@@ -141,23 +143,23 @@ def descend_to_minimum(
             grown *= np.diff(moved.chain.mesh) / np.diff(chain.mesh)
             chain, q, multipliers = moved.chain, moved.q, moved.multipliers
         energy = chain.energy(q)[0]
-        little = above - energy < LITTLE * (1.0 + abs(energy))
+        little = above - energy < little_gain * (1.0 + abs(energy))
         arrived = (found.ended is Ended.AT_MINIMUM and moved is None) or (limits.roughly and not too_coarse and little)
         above = energy
-        unfit = np.max(np.maximum(grown, 1.0 / grown)) > DRIFTED
+        unfit = np.max(np.maximum(grown, 1.0 / grown)) > most_drift
         if not (arrived or too_coarse or unfit or found.ended is Ended.AT_MINIMUM):
             shift = found.shift
             continue
-        standstills = standstills + 1 if too_coarse and elements == ELEMENTS[-1] and found.steps <= STANDSTILL else 0
-        if standstills > STANDSTILL:
+        standstills = standstills + 1 if too_coarse and elements == ELEMENTS[-1] and found.steps <= few_steps else 0
+        if standstills > few_steps:
             return None
         omega = chain.sample(q, chain.points)[1]
         if too_coarse:  # on the way down only what turns far needs elements
-            needed = np.linalg.norm(omega, axis=1) / TURNING
+            needed = np.linalg.norm(omega, axis=1) / TURNING_PER_ELEMENT
         else:
             needed = density(omega, chain.points)
             lengths = np.repeat(np.diff(chain.mesh), len(chain.points) // elements)
-            fits = np.max(needed * lengths) <= LOOSE or (elements == ELEMENTS[-1] and shift == WARM_SHIFT)
+            fits = np.max(needed * lengths) <= most_misfit or (elements == ELEMENTS[-1] and shift == WARM_SHIFT)
             if arrived and fits:
                 return EnergyMinimum(chain, q, multipliers)
             if fits and not unfit:
@@ -177,16 +179,18 @@ def refine_curls(minimum: EnergyMinimum, finer: int) -> EnergyMinimum | None:
         resting: the chain.
         finer: elements for one of it.
     """
+    # of them, that bring curls to the last digit; relative, of the energy: what is gained there
+    most_rounds, least_gain = 8, 1e-11
     chain, q, multipliers = minimum.chain, minimum.q, minimum.multipliers
     if not has_curls(chain, q):
         return None
     chain = chain.on(divided(chain.mesh, finer * (len(chain.mesh) - 1)))
     q = chain.clamped(minimum.chain.sample(q, chain.nodes)[0])
     room = _room(chain)
-    for _ in range(ROUNDS):
-        found = descend(chain, q, multipliers, longest=SMALL_STEP, steps=ROUND, shift=WARM_SHIFT, room=room)
+    for _ in range(most_rounds):
+        found = descend(chain, q, multipliers, longest=SMALL_STEP, steps=STEPS_A_ROUND, shift=WARM_SHIFT, room=room)
         q, multipliers = found.q, found.multipliers
-        moved = move_curls(chain, q, multipliers, room, SLIGHT)
+        moved = move_curls(chain, q, multipliers, room, least_gain)
         if moved is None:
             break
         chain, q, multipliers = moved.chain, moved.q, moved.multipliers

@@ -20,12 +20,9 @@ from harness_opt.statics.equilibrium import TOLERANCE, Shape, refined_shape
 from harness_opt.statics.release import stabilised
 
 BOWS = 8  # directions about the chord to which starting curves bow
-TURNS = (-1, 0, 1)
+EXTRA_TURNS = (-1, 0, 1)
 MOST_STARTS = 10_000
 SAME_PLACE = 1e-4  # in lengths of the cable: centrelines this close are one shape
-SAME_ENERGY = 1e-6  # relative: neutral shapes of one energy are one family
-SAME_TWIST = 1e-3  # rad over the cable
-NEUTRAL = 1e-3  # stability margin up to which a shape may be of a neutral family, in the largest load on the cable
 
 
 @one_thread
@@ -36,7 +33,7 @@ def equilibria(
     gravity: ArrayLike = (0.0, 0.0, 0.0),
     *,
     bows: int = BOWS,
-    turns: Iterable[int] = TURNS,
+    turns: Iterable[int] = EXTRA_TURNS,
     solver: str = "gauss-newton",
     tolerance: float = TOLERANCE,
     stations: int = STATIONS,
@@ -92,12 +89,17 @@ def _same(a: Shape, b: Shape) -> bool:
     A family is one shape turned about an axis: energy and twist are those of all its members, but not of their mirror
     images.
     """
+    # stability margin up to which a shape may be of a neutral family, in the largest load on the cable
+    neutral_margin = 1e-3
+    same_twist = 1e-3  # rad over the cable
+    same_energy = 1e-6  # relative: neutral shapes of one energy are one family
     length = float(a.s[-1])
     if np.max(np.linalg.norm(a.position - b.position, axis=1)) < SAME_PLACE * length:
         return True
     neutral = all(
-        abs(shape.stability_margin) < NEUTRAL * (1.0 + float(np.max(np.abs(shape.rod.force)))) for shape in (a, b)
+        abs(shape.stability_margin) < neutral_margin * (1.0 + float(np.max(np.abs(shape.rod.force))))
+        for shape in (a, b)
     )
     twisted = float(np.max(np.abs(a.curvature[:, 2] - b.curvature[:, 2]))) * length
-    near = abs(a.energy - b.energy) < SAME_ENERGY * max(abs(a.energy), abs(b.energy))
-    return neutral and near and twisted < SAME_TWIST
+    near = abs(a.energy - b.energy) < same_energy * max(abs(a.energy), abs(b.energy))
+    return neutral and near and twisted < same_twist

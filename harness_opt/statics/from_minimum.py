@@ -15,14 +15,7 @@ from harness_opt.statics.energy_minimum import EnergyMinimum, density, fitted, r
 from harness_opt.statics.mesh import ELEMENTS, divided
 from harness_opt.statics.solve import NEAR_NULL_AFTER, STAGES, Solved, error_estimate, solve_on
 
-BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent
 LAYER, DECAYED = 1.0, 18.0  # decay lengths: of an element at the foot of a layer, and after which 1e-8 of it is left
-FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
-RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-# the chain is right to a per mille: what needs more does not converge, of the fastest solver and of the others
-SOLVE_ITERATIONS, SLOWER = 20, 60
-REFINEMENTS = (1, 2)  # collocation elements tried for one of the chain
-CLOSER = (1, 2)  # elements for one of a chain that curls are moved on to the last digit
 
 
 def solve_from_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solved | None:
@@ -31,8 +24,9 @@ def solve_from_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solve
     Where that fails, curls may be too far from their equilibrium: along the cable there is next to nothing that holds
     them. They are moved closer, on finer elements too, and it is tried again.
     """
+    curl_refinements = (1, 2)  # elements for one of a chain that curls are moved on to the last digit
     solved = _solve_near_minimum(case, minimum, solver)
-    for finer in CLOSER:
+    for finer in curl_refinements:
         if solved is not None:
             break
         nearer = refine_curls(minimum, finer)
@@ -44,6 +38,12 @@ def solve_from_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solve
 
 def _solve_near_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solved | None:
     """Solve ``case`` accurately from an energy minimum; None where what comes out is not its shape."""
+    refinements = (1, 2)  # collocation elements tried for one of the chain
+    # the chain is right to a per mille: what needs more does not converge, of the fastest solver and of the others
+    solve_iterations, slower_iterations = 20, 60
+    # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
+    most_error = 0.02
+    most_turning = 0.5  # rad, turning up to which a solved shape is that of the chain
     chain = minimum.chain
     boundary = dataclasses.replace(chain.boundary, gap=case.boundary.gap)  # with the signs of its quaternions
     case = dataclasses.replace(case, boundary=boundary)
@@ -51,7 +51,7 @@ def _solve_near_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solv
     without_moments = dataclasses.replace(case, boundary=still)
     force = chain.force(minimum.multipliers) + case.load
     coarse = _solving_mesh(minimum)
-    for finer in REFINEMENTS:
+    for finer in refinements:
         elements = next((n for n in ELEMENTS if n >= finer * (len(coarse) - 1)), None)
         if elements is None:
             return None
@@ -59,14 +59,14 @@ def _solve_near_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solv
         q, omega = chain.sample(minimum.q, stations(mesh, STAGES))
         moment = rotations.rotate(q, case.section.stiffness * (omega - case.section.rest_curvature))
         x = pack(q, moment, force, STAGES)
-        iterations = SOLVE_ITERATIONS if solver == NEAR_NULL_AFTER else SLOWER
+        iterations = solve_iterations if solver == NEAR_NULL_AFTER else slower_iterations
         solved = solve_on(without_moments, mesh, x, solver, iterations)
-        if not solved.ok or solved.turned or not error_estimate(solved)[0] < RESOLVED:
+        if not solved.ok or solved.turned or not error_estimate(solved)[0] < most_error:
             continue
         followed = (
             solved.solution.factor is None
         )  # the near-null curve: no step of the last iterations was Newton's own
-        if followed or turning(solved.rod.sample(chain.nodes).q, minimum.q) < FAITHFUL:
+        if followed or turning(solved.rod.sample(chain.nodes).q, minimum.q) < most_turning:
             break
     else:
         return None
@@ -96,13 +96,14 @@ def _layers(minimum: EnergyMinimum, bending: Array) -> tuple[Array, Array]:
         resting: the shape.
         bending: its curvatures at the points of the chain, without sign, (m, 3).
     """
+    bent_from = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent
     chain, grid, found = minimum.chain, [minimum.chain.points], []
 
     def force(s: Array) -> Array:
         return np.linalg.norm(chain.force(minimum.multipliers) + (1.0 - s)[:, None] * chain.load, axis=1)
 
     for axis in (0, 1):
-        bent = bending[:, axis] > BENT * np.sqrt(force(chain.points) / chain.section.stiffness[axis])
+        bent = bending[:, axis] > bent_from * np.sqrt(force(chain.points) / chain.section.stiffness[axis])
         sources = np.concatenate([[0.0], chain.points[bent], [1.0]])
         wave = np.sqrt(force(sources) / chain.section.stiffness[axis])
         decay = np.arange(-DECAYED, DECAYED + 1.0) / np.maximum(wave, 1.0)[:, None]

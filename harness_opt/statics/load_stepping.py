@@ -12,10 +12,10 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.energy_chain import Chain
 from harness_opt.statics.energy_minimum import (
+    LITTLE_WORK,
     LONG_STEP,
-    QUICK,
     SMALL_STEP,
-    TURNING,
+    TURNING_PER_ELEMENT,
     WARM_SHIFT,
     WORK,
     DescentLimits,
@@ -23,11 +23,6 @@ from harness_opt.statics.energy_minimum import (
     descend_to_minimum,
     slack_of,
 )
-
-STIFFEN = 4.0  # factor by which a load step makes it stiffer in torsion; too long a step coils it up
-LEAST_STIFFEN = 1.15
-TIGHTEN = 2.0  # factor by which a load step makes a cable tauter
-LEAST_TIGHTEN = 1.1
 
 
 def softened(case: Case, s: Array, q: Array, coiled: float) -> Case:
@@ -60,19 +55,21 @@ def stiffen(
         work: elements times steps that each minimum may take.
         shorten_steps: take shorter steps where the first fails, else give up.
     """
-    wanted, factor = float(case.section.stiffness[2]), STIFFEN
+    least_factor = 1.15
+    first_factor = 4.0  # factor by which a load step makes it stiffer in torsion; too long a step coils it up
+    wanted, factor = float(case.section.stiffness[2]), first_factor
     while (reached := float(minimum.chain.section.stiffness[2])) < wanted:
         stiffness = np.array([*case.section.stiffness[:2], min(factor * reached, wanted)])
         section = dataclasses.replace(case.section, stiffness=stiffness)
         chain = Chain(section, case.load, minimum.chain.boundary, minimum.chain.mesh, exact=minimum.chain.exact)
-        tried = min(work, QUICK) if shorten_steps and factor >= LEAST_STIFFEN**2 else work
+        tried = min(work, LITTLE_WORK) if shorten_steps and factor >= least_factor**2 else work
         limits = DescentLimits(LONG_STEP, tried, roughly=stiffness[2] < wanted)
         found = descend_to_minimum(chain, minimum.q, minimum.multipliers, WARM_SHIFT, limits)
         if found is not None:
             minimum = found
             continue
         factor = math.sqrt(factor)
-        if not shorten_steps or factor < LEAST_STIFFEN:
+        if not shorten_steps or factor < least_factor:
             return None
     return minimum
 
@@ -83,7 +80,9 @@ def tighten(case: Case, minimum: EnergyMinimum) -> EnergyMinimum | None:
     A taut cable is straight but for clamp layers and curls as long as its slack, and its tension goes with the inverse
     square of it: so what is bent is shrunk with every step, which leaves hardly anything to solve.
     """
-    wanted, factor = slack_of(case.boundary), TIGHTEN
+    least_ratio = 1.1
+    first_ratio = 2.0  # factor by which a load step makes a cable tauter
+    wanted, factor = slack_of(case.boundary), first_ratio
     direction = case.boundary.gap / np.linalg.norm(case.boundary.gap)
     slack = slack_of(minimum.chain.boundary)
     while slack > wanted * (1.0 + 1e-9):
@@ -95,7 +94,7 @@ def tighten(case: Case, minimum: EnergyMinimum) -> EnergyMinimum | None:
         found = descend_to_minimum(chain, minimum.q, minimum.multipliers * step**2, WARM_SHIFT, limits)
         if found is None:
             factor = np.sqrt(factor)
-            if factor < LEAST_TIGHTEN:
+            if factor < least_ratio:
                 return None
             continue
         minimum, slack = found, slack / step
@@ -107,7 +106,7 @@ def _shrunk(minimum: EnergyMinimum, factor: float) -> Array:
     chain = minimum.chain
     steps = np.diff(chain.mesh)
     bending = np.linalg.norm(chain.sample(minimum.q, chain.points)[1][:, :2], axis=1)
-    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (1e-4 * TURNING), 0.0, 1.0)
+    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (1e-4 * TURNING_PER_ELEMENT), 0.0, 1.0)
     steps, straight = steps * (1.0 - (1.0 - 1.0 / factor) * bent), steps * (1.0 - bent)
     if np.sum(straight) > 0.0:
         steps = steps + (1.0 - np.sum(steps)) * straight / np.sum(straight)

@@ -17,9 +17,6 @@ LAST_RESORT = (384, 512)  # elements of the one shape that those do not do for
 # first.
 COARSE, ROUGH = 1e-5, 1e-3
 RESOLVED = 1e-6  # estimated error, in L, that it is refined to then
-ENOUGH = 128  # elements up to which it is refined for the first
-BLAMELESS = 1e-9  # largest local error, in L, of a mesh not to blame for an estimated error: a near-null direction is
-WORTHWHILE = 0.5  # part of the error that redistributing the finest mesh must leave at most, to be done again
 
 
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
@@ -58,8 +55,9 @@ def finer_mesh(mesh: Array, local: Array, excess: float, before: float, most: in
     Returns:
         The finest of these, redistributed, where there is no finer one; None where that gains nothing any more.
     """
+    worthwhile = 0.5  # part of the error that redistributing the finest mesh must leave at most, to be done again
     n = len(mesh) - 1
-    if n >= most and not excess < WORTHWHILE * before:
+    if n >= most and not excess < worthwhile * before:
         return None
     most = max(n, most)
     wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
@@ -74,11 +72,14 @@ def elements_for(elements: int, error: float, local: Array) -> int:
         elements: that it has.
         error, local: what :func:`error_estimate` returns.
     """
-    if error <= COARSE or np.max(local) <= BLAMELESS:
+    # largest local error, in L, of a mesh not to blame for an estimated error: a near-null direction is
+    least_local = 1e-9
+    first_refinement = 128  # elements up to which it is refined for the first
+    if error <= COARSE or np.max(local) <= least_local:
         return 0
     if error > ROUGH:
         return ELEMENTS[-1]
-    return ENOUGH if elements < ENOUGH else 0
+    return first_refinement if elements < first_refinement else 0
 
 
 def refine(solved: Solved, tolerance: float, solver: str, most: int = ELEMENTS[-1]) -> tuple[Solved, float, Status]:

@@ -14,14 +14,6 @@ from harness_opt.statics.from_minimum import solve_from_minimum
 from harness_opt.statics.mesh import divided, refine
 from harness_opt.statics.solve import Solved, error_estimate
 
-PERTURBATIONS = (
-    0.05,
-    0.2,
-    0.6,
-)  # rad, largest turning of a section, to leave a saddle or a lost minimum
-PLACES = 8  # an element, at which a lost shape is sampled
-JUDGED = 1e-8  # estimated error, in L, of a shape whose stability is hard to tell
-
 
 def release(case: Case, rod: Rod, solver: str, *, short_steps: bool = True) -> Solved | None:
     """Release the cable from ``rod`` to a stable shape nearby of less energy; None where none is found.
@@ -35,8 +27,13 @@ def release(case: Case, rod: Rod, solver: str, *, short_steps: bool = True) -> S
         solver: name.
         short_steps: as a cable moves through a viscous medium.
     """
+    perturbations = (
+        0.05,
+        0.2,
+        0.6,
+    )  # rad, largest turning of a section, to leave a saddle or a lost minimum
     direction = lowest_mode(rod, case.boundary.kind)
-    for size in PERTURBATIONS:
+    for size in perturbations:
         for sign in (1.0, -1.0):
             found = _perturbed(case, rod, sign * size * direction, solver, short_steps)
             if found is not None and is_stable(found, solver):
@@ -46,7 +43,8 @@ def release(case: Case, rod: Rod, solver: str, *, short_steps: bool = True) -> S
 
 def _perturbed(case: Case, rod: Rod, field: Array, solver: str, short_steps: bool) -> Solved | None:
     """Minimise the energy from ``rod`` turned by ``field`` (n + 1, 3), section frames, rad; None if in vain."""
-    s = divided(rod.mesh, PLACES * (len(rod.mesh) - 1))
+    places_per_element = 8  # an element, at which a lost shape is sampled
+    s = divided(rod.mesh, places_per_element * (len(rod.mesh) - 1))
     turned = np.stack([np.interp(s, rod.mesh, column) for column in field.T], axis=1)
     q = rotations.multiply(rod.sample(s).q, rotations.from_rotation_vector(turned))
     minimum = minimise_energy(case, s, q, rod.force[-1], short_steps=short_steps)
@@ -55,10 +53,11 @@ def _perturbed(case: Case, rod: Rod, field: Array, solver: str, short_steps: boo
 
 def is_stable(solved: Solved, solver: str) -> bool:
     """Return whether a solved shape has no unstable direction; where it is hard to tell, judged on a finer mesh."""
+    judged_error = 1e-8  # estimated error, in L, of a shape whose stability is hard to tell
     kind = solved.case.boundary.kind
     found = stability(solved.rod, kind)
     if doubtful(solved.rod, found, error_estimate(solved)[0]):
-        found = stability(refine(solved, JUDGED, solver)[0].rod, kind)
+        found = stability(refine(solved, judged_error, solver)[0].rod, kind)
     return bool(found.stable)
 
 

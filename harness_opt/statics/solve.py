@@ -27,13 +27,8 @@ SOLVER_OF: dict[str, Solver] = {  # by name, one for each of model.methods.SOLVE
     "paper": paper.solve,
 }
 NEAR_NULL_AFTER = "gauss-newton"  # the solver after which the near-null direction is followed
-SHARP = 1e-3  # part of the residual asked for, that counts as solved along a near-null direction: the rest goes far
-FLOOR = 1e-2  # residual of the scaled equations that is left on the near-null curve at most
-ALMOST = 1e3  # times the residual asked for: left by what has come to that curve, and not strayed
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 RESIDUAL = 1e-11  # of the scaled equations
-ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
-TURNED = 1e-2  # L a rad: what an error of the frames counts
 
 
 @dataclass(frozen=True)
@@ -124,24 +119,30 @@ def solve_on(
         near: solve of a like case nearby, whose factorised Jacobian may serve.
         residual: largest entry of the scaled equations that counts as solved.
     """
+    # relative: of a force along an element, which should not turn it, a few units in the last place do
+    force_rounding = 1e-15
+    nearly_solved = 1e3  # times the residual asked for: left by what has come to that curve, and not strayed
+    most_on_curve = 1e-2  # residual of the scaled equations that is left on the near-null curve at most
+    # part of the residual asked for, that counts as solved along a near-null direction: the rest goes far
+    sharp_share = 1e-3
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
     # rounding grows with the loads that the moment equations carry, and turns long soft elements
     scale = _load_scale(case.load, x[-3:])
-    turned = ROUNDING * scale * float((mesh[1:] - mesh[:-1]).max()) ** 2 / float(case.section.stiffness.min())
+    turned = force_rounding * scale * float((mesh[1:] - mesh[:-1]).max()) ** 2 / float(case.section.stiffness.min())
     tolerance = residual * math.sqrt(scale) + turned
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
     solution = SOLVER_OF[solver](problem, x, options)
     factor = solution.factor
     flat = factor is None or (not factor.singular and factor.condition > CONDITION_LIMIT)
-    sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
+    sharp = dataclasses.replace(options, tolerance=sharp_share * residual * math.sqrt(scale) + turned)
     loose = solution.residual > (sharp.tolerance if flat else tolerance)
-    if solver == NEAR_NULL_AFTER and loose and solution.residual <= FLOOR * math.sqrt(scale):
+    if solver == NEAR_NULL_AFTER and loose and solution.residual <= most_on_curve * math.sqrt(scale):
         energy = (lambda x: _energy(bound, x)) if case.boundary.kind == CLAMPED else None
         steps = near_null.STEPS if near is None else near_null.FEW
         # where it did not converge, it may have strayed far, or be on the curve already
         starts = [solution.x] if solution.status.ok else [x]
-        if near is None and tolerance < solution.residual <= ALMOST * tolerance:
+        if near is None and tolerance < solution.residual <= nearly_solved * tolerance:
             starts.append(solution.x)
         for begun in starts:
             followed = near_null.solve(problem, begun, sharp, energy, steps=steps)
@@ -177,10 +178,13 @@ def error_estimate(solved: Solved) -> tuple[float, Array]:
 
 def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     """Return what :func:`error_estimate` does, from the shape's defects already at hand."""
+    turning_weight = 1e-2  # L a rad: what an error of the frames counts
     dq, dm, dr, turning, apart, behind = defects
     mesh = solved.bound.mesh
     n, s = len(mesh) - 1, STAGES
-    local = apart + np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
+    local = (
+        apart + np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), turning_weight) * np.linalg.norm(dq, axis=-1)
+    )
     local = np.where(np.isfinite(local), local, np.inf)
     if not (np.all(np.isfinite(dm)) and np.max(local) < 1.0):
         return np.inf, local
@@ -208,6 +212,6 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     moved = solved.bound.node_rates(x, dx)
     # the centreline's own local errors add to those that come from the frames
     moved[1:, :, 0] += np.cumsum(dr, axis=0)
-    turned = TURNED * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
+    turned = turning_weight * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
     # nodes, and what is sampled between them, are off by different things
     return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum() + apart.max()), turned), local
