@@ -87,7 +87,8 @@ class Tolerance:
         low = STANDARD.cdf(-1.0 / self._deviation)
         inside = np.clip(low + p * (1.0 - 2.0 * low), 1e-300, 1.0 - 1e-16)
         found = [self._deviation * STANDARD.inv_cdf(float(share)) for share in inside.ravel()]
-        return np.clip(np.reshape(found, p.shape), -1.0, 1.0)
+        offsets: Array = np.clip(np.reshape(found, p.shape), -1.0, 1.0)
+        return offsets
 
     def half(self, nominal: float) -> float:
         """Return half the tolerance around ``nominal``, in the unit of the key."""

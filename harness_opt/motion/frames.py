@@ -222,7 +222,8 @@ def blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
 
 def _bytes_of(factor: Factor) -> int:
     """Return about what a factorised Jacobian takes: 12 bytes for each of its own entries, and 9 for SuperLU's."""
-    return 12 * factor.jacobian.nnz + (0 if factor.lu is None else 9 * factor.lu.nnz)
+    size: int = 12 * factor.jacobian.nnz + (0 if factor.lu is None else 9 * factor.lu.nnz)
+    return size
 
 
 def batch(frames: Sequence[Solved]) -> Rod:

@@ -10,13 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
+from harness_opt.model.cable import CableRun
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Followed
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import case
+from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
 from harness_opt.statics.cold_start import cold_start
@@ -42,13 +43,9 @@ def sweep_by_quadrature(
         first: the shape to begin the first frame at; None leaves it to a cold start.
         progress: called with the cable's name, frames done, frames in all.
     """
-    run, units = problem.cables[name], rod_module.scale(problem.cables[name].cable)[1]
+    cable, units = problem.cables[name].cable, rod_module.scale(problem.cables[name].cable)[1]
     ends, gravity = problem.ends(name, motion), np.asarray(problem.gravity)
-    bow = None if run.bow is None else np.asarray(run.bow)
-    before = first
-    if before is None:
-        solved = cold_start(case(run.cable, *ends[0], gravity), run.end.turns, bow, START_SOLVER)
-        before = solved.rod if solved is not None and solved.ok else None
+    before = first or _first_shape(problem.cables[name], case(cable, *ends[0], gravity))
     frames: list[QuadratureSolve] = []
     judged: list[Stability] = []
     status, message = Status.OK, ""
@@ -57,7 +54,7 @@ def sweep_by_quadrature(
     try:
         while status.ok and before is not None and len(frames) < len(motion):
             k = len(frames)
-            posed = case(run.cable, *ends[k], gravity).signed_like(before.q[0], before.q[-1])
+            posed = case(cable, *ends[k], gravity).signed_like(before.q[0], before.q[-1])
             answer = solve_by_quadrature(posed, before, options)
             if not answer.status.ok:
                 status = answer.status
@@ -84,3 +81,10 @@ def sweep_by_quadrature(
         estimated_error=np.array([frame.error for frame in frames]),
     )
     return Followed(shapes, (), status, message)
+
+
+def _first_shape(run: CableRun, posed: Case) -> Rod | None:
+    """Return the shape of a cold start; None where there is none."""
+    bow = None if run.bow is None else np.asarray(run.bow)
+    solved = cold_start(posed, run.end.turns, bow, START_SOLVER)
+    return solved.rod if solved is not None and solved.ok else None

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.model.cable import CableRun
+from harness_opt.model.methods import INTERPOLATIONS
 from harness_opt.model.results import Motion
 from harness_opt.motion.paper_data import solved
-from harness_opt.motion.playback import AT_FRAME, INTERPOLATIONS, between, moments
+from harness_opt.motion.playback import AT_FRAME, between, moments
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -88,4 +89,5 @@ def _compared(shown: tuple[Array, Array], truth: tuple[Array, Array], times: Arr
 
 def _length(position: Array) -> Array:
     """Return the lengths (T,) of the polygons through nodes (T, N, 3)."""
-    return np.linalg.norm(np.diff(position, axis=1), axis=2).sum(axis=1)
+    lengths: Array = np.linalg.norm(np.diff(position, axis=1), axis=2).sum(axis=1)
+    return lengths

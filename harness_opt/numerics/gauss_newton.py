@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import STILL, Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import STATIONARY_STEP, Array, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import CONDITION_LIMIT, TAUT_LIMIT, Factor, factorise
 
 
@@ -20,9 +20,8 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     # most steps once the residual is small: where the problem is badly conditioned, that is not enough
     most_polishing = 2
     nothing_to_gain = 10.0  # largest entry of the next step, in tolerances, that leaves nothing to gain
-    nearly_stationary = (
-        1e-5  # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
-    )
+    # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
+    nearly_stationary = 1e-5
     # while |R| and steps fall by this factor, the Jacobian is kept: it costs ten times a chord step
     most_contraction = 0.2
     factor, size, ahead, polished = options.factor, np.inf, np.inf, 0
@@ -42,7 +41,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         if iteration == options.iterations:
             break
         fresh = stale
-        if fresh:
+        if fresh or factor is None:
             jacobian = problem.linearise(x)[1]
             if not np.all(np.isfinite(jacobian.data)):
                 status = Status.NOT_FINITE
@@ -50,7 +49,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
             factor = factorise(jacobian, limit)
         step = -factor.solve(residual)
         reach = largest(step)
-        if options.stationary and reach <= STILL:
+        if options.stationary and reach <= STATIONARY_STEP:
             status = Status.OK
             break
         length, there, trial = _search(problem, x, step, residual, factor if fresh else None)

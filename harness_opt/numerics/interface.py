@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from harness_opt.errors import Status
+from harness_opt.numerics.linear import Factor
 
 Array = NDArray[np.float64]
 
@@ -63,7 +64,7 @@ class Options:
     tolerance: float = 1e-11
     iterations: int = 60
     stationary: bool = False
-    factor: Any = None
+    factor: Factor | None = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Solution:
     status: Status
     residual: float
     iterations: int
-    factor: Any = None
+    factor: Factor | None = None
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ class Landscape(Protocol):
         ...
 
 
-STILL = 1e-9  # largest entry of a step at a least-squares minimum
+STATIONARY_STEP = 1e-9  # largest entry of a step at a least-squares minimum
 
 
 class Solver(Protocol):

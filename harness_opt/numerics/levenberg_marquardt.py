@@ -11,7 +11,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import STILL, Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import STATIONARY_STEP, Array, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import damped_step
 
 
@@ -34,7 +34,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         weights = np.where(scale > 0, scale, 1.0)
         scaled = jacobian @ sp.diags_array(1.0 / weights)
         scaled_step = damped_step(sp.csc_array(scaled), residual, damping)
-        if options.stationary and damping <= first_damping and largest(scaled_step / weights) <= STILL:
+        if options.stationary and damping <= first_damping and largest(scaled_step / weights) <= STATIONARY_STEP:
             return Solution(x, Status.OK, largest(residual), iteration)
         trial = problem.residual(x + scaled_step / weights)
         cost = residual @ residual

@@ -71,15 +71,19 @@ class Factor:
     def solve(self, b: Array) -> Array:
         """Return y that solves J y = b (m,) or (m, k): exactly, or in least squares with minimum norm."""
         rank_tolerance = 1e-11  # singular values below this fraction of the largest count as zero
+        y: Array
         if self.bordered:
-            return self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
+            y = self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
+            return y
         if self.lu is not None:
-            return self.lu.solve(np.ascontiguousarray(b))
+            y = self.lu.solve(np.ascontiguousarray(b))
+            return y
         if self.jacobian.shape[1] > MOST_DENSE and self.jacobian.shape[0] == self.jacobian.shape[1]:
             return _iterated(self.jacobian, b)
-        return scipy.linalg.lstsq(
+        y = scipy.linalg.lstsq(
             self.jacobian.toarray(), b, cond=rank_tolerance, lapack_driver="gelsy", check_finite=False
         )[0]
+        return y
 
 
 def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
@@ -198,7 +202,8 @@ def null_vectors(jacobian: sp.csc_array, like: tuple[Array, Array] | None = None
 def damped_step(jacobian: sp.csc_array, residual: Array, damping: float) -> Array:
     """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2."""
     rows, columns = jacobian.shape
-    return spla.splu(_damped(jacobian, damping)).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]
+    step: Array = spla.splu(_damped(jacobian, damping)).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]
+    return step
 
 
 def _damped(jacobian: sp.csc_array, damping: float) -> sp.csc_array:

@@ -46,10 +46,8 @@ def solve(
     """
     # most that a step may be longer than the last one: at first, and after one was too long
     first_growth, later_growth = 3.0, 1.25
-    first_step = 0.1  # of x
-    # steps to where a slope of the same sign is steeper: one that has no root is least somewhere, and rises
-    most_rises = 4
-    least_step = 1e-6
+    first_step, least_step = 0.1, 1e-6  # of x
+    most_rises = 4  # steps to where a slope of the same sign is steeper: one without a root rises past its least
     most_turn = 0.5  # rad, most that the near-null direction may turn in a step
     step, spent, rises, down, growth = 0.0, 0, 0, 0.0, first_growth
     steep: float | None = None

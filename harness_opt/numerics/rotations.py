@@ -29,7 +29,8 @@ _LEFT = np.array(
 def normalise(v: ArrayLike) -> Array:
     """Return ``v`` (..., n) divided by its Euclidean length along the last axis."""
     v = np.asarray(v, dtype=float)
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    length: Array = np.linalg.norm(v, axis=-1, keepdims=True)
+    return v / length
 
 
 def unit(v: ArrayLike) -> Array:
@@ -70,7 +71,8 @@ def multiply(p: ArrayLike, q: ArrayLike) -> Array:
     left = (p @ _LEFT).reshape(
         *p.shape, 4
     )  # the matrix of a product with p: on small arrays, few calls are what counts
-    return np.einsum("...ij,...j->...i", left, q)
+    product: Array = np.einsum("...ij,...j->...i", left, q)
+    return product
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
@@ -113,8 +115,9 @@ def rotation_vector(q: ArrayLike) -> Array:
     sine = np.linalg.norm(q[..., 1:], axis=-1)
     half = np.arctan2(sine, q[..., 0])
     with np.errstate(invalid="ignore"):
-        ratio = np.where(sine > 1e-12, half / sine, 1.0)  # sin x / x is 1 to rounding there
-    return 2.0 * ratio[..., None] * q[..., 1:]
+        ratio: Array = np.where(sine > 1e-12, half / sine, 1.0)  # sin x / x is 1 to rounding there
+    vector: Array = 2.0 * ratio[..., None] * q[..., 1:]
+    return vector
 
 
 def small_rotation_vector(q: ArrayLike) -> Array:

@@ -132,14 +132,15 @@ class Mesh(Geometry):
         largest at a corner.
         """
         reach = lengths(corners - middle[:, None]).max(axis=1)
-        bound = at_middle - reach
+        bound: Array = at_middle - reach
         outside = np.flatnonzero(at_middle > 0)
         boxed = self.query.boxes(corners[outside], middle[outside])
         boxed = boxed - AGREE * np.linalg.norm(self.upper - self.lower)  # 2e-11 m too much were measured
         sane = (boxed > 0) & (boxed <= at_middle[outside] * (1 + AGREE))  # what is above, or NaN, is absurd
         bound[outside] = np.where(sane, np.maximum(boxed, bound[outside]), bound[outside])
         if not self.closed:
-            return np.maximum(bound, 0.0)
+            bound = np.maximum(bound, 0.0)
+            return bound
         rest = np.flatnonzero(at_middle <= reach)
         face = self.query(middle[rest])[1]
         a, b, c = self.vertices[self.faces[face]].swapaxes(0, 1)

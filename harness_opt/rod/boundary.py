@@ -157,7 +157,8 @@ def _blend_load(a: Array, b: Array, fraction: float) -> Array:
     size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     if a @ b < (1.0 - 1e-12) * size_a * size_b or size_a == 0.0 or size_b == 0.0:
         return a + fraction * (b - a)
-    return b * (size_a / size_b) ** (1.0 - fraction)
+    blended: Array = b * (size_a / size_b) ** (1.0 - fraction)
+    return blended
 
 
 def case(cable: Cable, start: End, end: End, gravity: Array) -> Case:

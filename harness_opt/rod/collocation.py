@@ -245,7 +245,8 @@ class BoundCollocation:
 
     def quaternions(self, x: Array) -> Array:
         """Return the quaternions at the nodes (n + 1, 4)."""
-        return x[self.transcription.quaternions]
+        q: Array = x[self.transcription.quaternions]
+        return q
 
     def last_quaternion(self, x: Array) -> Array:
         """Return the quaternion at the end of the cable, (4,)."""
@@ -380,7 +381,8 @@ def _tangent_rates(q: Array, dq: Array) -> Array:
     """Return d(d3) (..., 3, k) for quaternions (..., 4), normalised, and their rates (..., 4, k)."""
     square = np.sum(q * q, axis=-1)[..., None, None]
     across = dq - q[..., None] * (q[..., None, :] @ dq) / square
-    return (q @ _BY_QUATERNION).reshape(*q.shape[:-1], 3, 4) @ across / square
+    rates: Array = (q @ _BY_QUATERNION).reshape(*q.shape[:-1], 3, 4) @ across / square
+    return rates
 
 
 def _accumulate(inner: Array) -> Array:

@@ -81,7 +81,8 @@ class LongElements:
         weights, fewer = _weights(part, order), _weights(part, order - 1)
 
         def between(coefficients: Array, weights: Array) -> Array:
-            return np.einsum("ekN,ek...Nc->...Nc", weights, coefficients[..., element, :])
+            values: Array = np.einsum("ekN,ek...Nc->...Nc", weights, coefficients[..., element, :])
+            return values
 
         even = rotations.from_rotation_vector(part[:, None] * self._turn[..., element, :])
         besides = rotations.normalise(between(self._besides, weights))

@@ -142,4 +142,5 @@ def _integrated(field: Array, left: Array, right: Array) -> Array:
     )
     lead = field.shape[:-3]
     summed = np.swapaxes(field.reshape(*lead, GAUSS_POINTS, 9), -1, -2) @ products
-    return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
+    integrals: Array = np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
+    return integrals

@@ -57,9 +57,9 @@ class Stability:
     index: Array
 
     @property
-    def stable(self) -> Array:
+    def stable(self) -> NDArray[np.bool_]:
         """Whether no direction is unstable, (...)."""
-        return self.index == 0
+        return np.asarray(self.index == 0)
 
 
 def _resolving(rod: Rod) -> Array:
@@ -234,4 +234,5 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     first = 3 if kind.start_orientation else 0
     field[first : first + len(found)] = found
     at_nodes = np.stack([np.interp(rod.mesh, mesh, one) for one in field.reshape(-1, 3)[::DEGREE].T], axis=1)
-    return at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))
+    scaled: Array = at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))
+    return scaled

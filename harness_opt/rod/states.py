@@ -222,4 +222,5 @@ class Rod:
         samples = self.sample(s)
         strain = samples.omega - self.section.rest_curvature
         elastic = 0.5 * np.sum(strain**2 * self.section.stiffness, axis=-1)
-        return (elastic - samples.r @ self.load) @ weights
+        energies: Array = (elastic - samples.r @ self.load) @ weights
+        return energies

@@ -91,14 +91,18 @@ def fitted(s: Array, needed: Array) -> Array:
     size = np.concatenate(spread)
     run = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 2.0 / (size[1:] + size[:-1]))])
     count = next((n for n in ELEMENTS if n >= run[-1]), ELEMENTS[-1])
-    return np.interp(np.linspace(0.0, run[-1], count + 1), run, fine)
+    mesh: Array = np.interp(np.linspace(0.0, run[-1], count + 1), run, fine)
+    return mesh
 
 
 def density(omega: Array, s: Array) -> Array:
     """Return the elements per length (m,) that a shape with Darboux vectors (m, 3) at ``s`` (m,) needs."""
     change = np.linalg.norm(np.diff(omega, axis=0), axis=1) / np.diff(s)
     nearby = np.maximum(np.append(change, 0.0), np.append(0.0, change))
-    return np.maximum(np.linalg.norm(omega, axis=1) / TURNING_PER_ELEMENT, np.sqrt(nearby) / CHANGE_PER_ELEMENT)
+    elements: Array = np.maximum(
+        np.linalg.norm(omega, axis=1) / TURNING_PER_ELEMENT, np.sqrt(nearby) / CHANGE_PER_ELEMENT
+    )
+    return elements
 
 
 @dataclass(frozen=True)

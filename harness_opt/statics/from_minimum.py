@@ -100,7 +100,8 @@ def _layers(minimum: EnergyMinimum, bending: Array) -> tuple[Array, Array]:
     chain, grid, found = minimum.chain, [minimum.chain.points], []
 
     def force(s: Array) -> Array:
-        return np.linalg.norm(chain.force(minimum.multipliers) + (1.0 - s)[:, None] * chain.load, axis=1)
+        size: Array = np.linalg.norm(chain.force(minimum.multipliers) + (1.0 - s)[:, None] * chain.load, axis=1)
+        return size
 
     for axis in (0, 1):
         bent = bending[:, axis] > bent_from * np.sqrt(force(chain.points) / chain.section.stiffness[axis])

@@ -111,4 +111,5 @@ def _shrunk(minimum: EnergyMinimum, factor: float) -> Array:
     if np.sum(straight) > 0.0:
         steps = steps + (1.0 - np.sum(steps)) * straight / np.sum(straight)
     run = np.concatenate([[0.0], np.cumsum(steps)])
-    return run / run[-1]
+    mesh: Array = run / run[-1]
+    return mesh

@@ -65,7 +65,8 @@ class Solved:
 
     def kept_factors(self) -> list[Factor]:
         """Return the factorised Jacobians that this keeps in memory: the solver's last, and that of :attr:`factor`."""
-        return [factor for factor in (self.solution.factor, vars(self).get("factor")) if isinstance(factor, Factor)]
+        found = (self.solution.factor, vars(self).get("factor"))
+        return [factor for factor in found if factor is not None]
 
     @functools.cached_property
     def estimate(self) -> tuple[float, Array]:

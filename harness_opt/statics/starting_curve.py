@@ -123,7 +123,8 @@ def _pure(v: Array) -> Array:
 def _reflected(t: Array, v: Array) -> Array:
     """Return vectors ``t`` (m, 3) reflected in planes across ``v`` (m, 3)."""
     square = np.maximum(np.sum(v * v, axis=1, keepdims=True), NO_LENGTH**2)
-    return t - 2.0 / square * np.sum(v * t, axis=1, keepdims=True) * v
+    reflected: Array = t - 2.0 / square * np.sum(v * t, axis=1, keepdims=True) * v
+    return reflected
 
 
 def _run(turns: Array) -> Array:
@@ -175,7 +176,8 @@ def _first_frame(boundary: Boundary, points: Array, tangents: Array) -> Array:
     if boundary.kind.start_orientation:
         return boundary.start_quaternion
     if boundary.kind.end_orientation:
-        return rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)[-1]
+        first: Array = rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)[-1]
+        return first
     return rotations.from_tangent(tangents[0])
 
 
