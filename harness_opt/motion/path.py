@@ -1,4 +1,4 @@
-"""The path of the clamps: where on the motion the frames stand, and what the scene does without.
+"""The path of the clamps: where on the motion the frames are solved.
 
 The paper's dispersion, section 4.2: the trail of the moving clamp is cut into path points by a spatial step.
 """
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
+from harness_opt.model import checks
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -29,8 +30,8 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
     path_samples = 2001  # for measuring the path of the clamps
     lever_length = 0.25  # of the cable's length: a clamp's turn counts as the travel of a point that far away
     step_fraction = 0.01  # spatial step where none is given, in lengths of the longest cable
-    if spatial_step is not None and not (np.isfinite(spatial_step) and spatial_step > 0):
-        raise ProblemError(f"spatial_step: found {spatial_step!r}, expected a number above 0")
+    if spatial_step is not None:
+        checks.positive("spatial_step", spatial_step)
     if not problem.moves:
         return np.zeros(1)
     longest = max(run.cable.length for run in problem.cables.values())
@@ -64,7 +65,7 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
             f"at most {MOST_FRAMES // len(problem.cables)}"
         )
     count = int(steps) + 1
-    # clamps that rest for a while: the tiny slope keeps the inverse single-valued
+    # clamps that stand still for a while: the tiny slope keeps the inverse single-valued
     measure = run_so_far + 1e-6 * grid
     return np.interp(np.linspace(0.0, measure[-1], max(count, 2)), measure, grid)
 

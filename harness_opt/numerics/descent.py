@@ -54,7 +54,7 @@ class _Minimiser:
 
     def __init__(self, landscape: Landscape, q: Array, multipliers: Array, shift: float, longest: float, room: float):
         room_share = 1e-5
-        constraint_tolerance = 1e-6  # constraints are held to this, or to ROOM_SHARE of the least room that they leave
+        constraint_tolerance = 1e-6  # constraints are held to this, or to room_share of the least room that they leave
         self.landscape, self.q, self.multipliers = landscape, q, multipliers
         self.shift, self.longest = shift, longest
         self.level: tuple[float, Array] | None = None  # energy at ``q``, and what is missed of the constraints

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from harness_opt.errors import Status
 from harness_opt.numerics.linear import Factor
-
-Array = NDArray[np.float64]
+from harness_opt.numerics.rotations import Array
 
 QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}  # keeps IPOPT off stdout
 

@@ -16,11 +16,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-from numpy.typing import NDArray
 
 from harness_opt.numerics.machine_code import Buffered
-
-Array = NDArray[np.float64]
+from harness_opt.numerics.rotations import Array
 
 # A condition number above the first marks a rank deficiency (a straight cable, a cable that may turn freely about
 # coaxial clamps), if it stays above it with rows and columns scaled to the same size: heavy and stiff cables only

@@ -25,7 +25,7 @@ class SecondVariation:
         blocks: of Q, (..., n, UNKNOWNS, UNKNOWNS), with the skew part of dead moments.
         ends: by how much the end moves, (..., n, 3, UNKNOWNS).
         masses: of int phi . phi, (n, UNKNOWNS, UNKNOWNS).
-        kind: which ends are held.
+        kind: what is given at the ends.
     """
 
     blocks: Array

@@ -14,10 +14,8 @@ from harness_opt.rod.energy_chain import Chain
 from harness_opt.statics.curl_steps import has_curls, move_curls
 from harness_opt.statics.mesh import ELEMENTS, divided
 
-TURNING_PER_ELEMENT, CHANGE_PER_ELEMENT = (
-    1.2,
-    0.8,
-)  # rad an element; root of the rad by which its curvature changes the turning
+TURNING_PER_ELEMENT = 1.2  # rad
+CHANGE_PER_ELEMENT = 0.8  # root of the rad by which the curvature's change over an element changes its turning
 SMALL_STEP, LONG_STEP = 0.3, 0.7  # rad a step: as through a viscous medium, and where any minimum will do
 WORK = 60_000  # elements times steps that a descent may take: some seconds
 LITTLE_WORK = 8_000  # the same for a descent that another one can stand in for
@@ -82,7 +80,7 @@ def fitted(s: Array, needed: Array) -> Array:
     kept_lengths, growth_rate = 3.0, 0.3  # an element keeps its length over so many of its own, then grows by this part
     fine = np.unique(np.concatenate([s, np.linspace(0.0, 1.0, 8 * ELEMENTS[0] + 1)]))
     size = 1.0 / np.maximum(np.interp(fine, s, needed), ELEMENTS[0])
-    # size + GROWTH_RATE max(0, distance - KEPT_LENGTHS size), of whatever asks for least
+    # size + growth_rate max(0, distance - kept_lengths size), of whatever asks for least
     grown, begun = growth_rate * fine, (1.0 - growth_rate * kept_lengths) * size
     spread = [
         np.min(np.maximum(size, np.abs(grown[i : i + rows_at_once, None] - grown) + begun), axis=1)
@@ -112,8 +110,8 @@ class DescentLimits:
     Args:
         longest: step, rad.
         work: elements times steps that it may take.
-        slides: whether curls are moved along the cable on the way: see :mod:`.curl_steps`.
-        nearly: whether it is enough that it hardly falls any more: at a step on the way to another cable.
+        moves_curls: whether curls are moved along the cable on the way: see :mod:`.curl_steps`.
+        roughly: whether it is enough that it hardly falls any more: at a step on the way to another cable.
     """
 
     longest: float
@@ -180,7 +178,7 @@ def refine_curls(minimum: EnergyMinimum, finer: int) -> EnergyMinimum | None:
     """Move the curls of a chain as near to their equilibrium as rounding lets them; None where it has none.
 
     Args:
-        resting: the chain.
+        minimum: on the chain.
         finer: elements for one of it.
     """
     # of them, that bring curls to the last digit; relative, of the energy: what is gained there

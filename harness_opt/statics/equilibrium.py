@@ -131,35 +131,43 @@ def equilibrium(  # noqa: PLR0913
     options = Quadrature(points, closure, solver, tolerance)
     if guess is not None:
         posed = posed.signed_like(guess.rod.q[0], guess.rod.q[-1]) if guess.ok else posed
+    sought = _Sought(cable, (start, end), posed, direction, guess, stations)
     if transcription == "dqm":
-        shape = _by_quadrature(cable, (start, end), posed, direction, guess, stations, options)
+        shape = _by_quadrature(sought, options)
     else:
-        shape = _by_collocation(cable, (start, end), posed, direction, guess, stations, (tolerance, solver))
+        shape = _by_collocation(sought, tolerance, solver)
     if throw and not shape.ok:
         raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
     return shape
 
 
-def _by_collocation(
-    cable: Cable,
-    ends: tuple[End, End],
-    posed: Case,
-    bow: Array | None,
-    guess: Shape | None,
-    stations: int,
-    numerics: tuple[float, str],
-) -> Shape:
+@dataclass(frozen=True)
+class _Sought:
+    """What :func:`equilibrium` is asked for, checked."""
+
+    cable: Cable
+    ends: tuple[End, End]
+    case: Case
+    bow: Array | None
+    guess: Shape | None
+    stations: int
+
+    def cold_start(self, solver: str) -> Solved | None:
+        """Return a first shape found from the ends alone."""
+        return cold_start(self.case, self.ends[1].turns, self.bow, solver)
+
+
+def _by_collocation(sought: _Sought, tolerance: float, solver: str) -> Shape:
     """Solve from the guess or from nothing, refine, and return the shape, or a failed one."""
-    tolerance, solver = numerics
-    solved: Solved | None = None
+    guess, solved = sought.guess, None
     if guess is None:
-        solved = cold_start(posed, ends[1].turns, bow, solver)
+        solved = sought.cold_start(solver)
     elif guess.ok:
         mesh = guess.rod.mesh
-        solved = solve_on(posed, mesh, resample(guess.rod, mesh), solver)
+        solved = solve_on(sought.case, mesh, resample(guess.rod, mesh), solver)
     if solved is None or not solved.ok:
-        return _failed(cable, stations, None if solved is None else solved.solution)
-    return refined_shape(cable, ends, solved, tolerance, solver, stations)
+        return _failed(sought.cable, sought.stations, None if solved is None else solved.solution)
+    return refined_shape(sought.cable, sought.ends, solved, tolerance, solver, sought.stations)
 
 
 def refined_shape(
@@ -171,26 +179,19 @@ def refined_shape(
     return _shape(cable, *ends, solved.case.boundary.kind, outcome, stations)
 
 
-def _by_quadrature(
-    cable: Cable,
-    ends: tuple[End, End],
-    posed: Case,
-    bow: Array | None,
-    guess: Shape | None,
-    stations: int,
-    options: Quadrature,
-) -> Shape:
+def _by_quadrature(sought: _Sought, options: Quadrature) -> Shape:
     """Solve by the paper's transcription from the guess, or from a cold start's shape; return it, or a failed one."""
+    guess, posed = sought.guess, sought.case
     begin = guess.rod if guess is not None and guess.ok else None
     if guess is None:
-        solved = cold_start(posed, ends[1].turns, bow, START_SOLVER)
+        solved = sought.cold_start(START_SOLVER)
         if solved is not None and solved.ok:
             posed, begin = solved.case, solved.rod
     if begin is None:
-        return _failed(cable, stations, None)
+        return _failed(sought.cable, sought.stations, None)
     answer = solve_by_quadrature(posed, begin, options)
     outcome = _Outcome(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
-    return _shape(cable, *ends, posed.boundary.kind, outcome, stations)
+    return _shape(sought.cable, *sought.ends, posed.boundary.kind, outcome, sought.stations)
 
 
 def _shape(cable: Cable, start: End, end: End, kind: Kind, outcome: _Outcome, stations: int) -> Shape:

@@ -93,7 +93,7 @@ def _layers(minimum: EnergyMinimum, bending: Array) -> tuple[Array, Array]:
     of its own.
 
     Args:
-        resting: the shape.
+        minimum: the shape.
         bending: its curvatures at the points of the chain, without sign, (m, 3).
     """
     bent_from = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent

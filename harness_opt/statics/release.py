@@ -27,11 +27,7 @@ def release(case: Case, rod: Rod, solver: str, *, short_steps: bool = True) -> S
         solver: name.
         short_steps: as a cable moves through a viscous medium.
     """
-    perturbations = (
-        0.05,
-        0.2,
-        0.6,
-    )  # rad, largest turning of a section, to leave a saddle or a lost minimum
+    perturbations = (0.05, 0.2, 0.6)  # rad, largest turning of a section, to leave a saddle or a lost minimum
     direction = lowest_mode(rod, case.boundary.kind)
     for size in perturbations:
         for sign in (1.0, -1.0):
