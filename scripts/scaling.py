@@ -43,6 +43,7 @@ Row = dict[str, Any]
 LARGE = 3  # sizes that an exponent is fitted to: below them, what does not grow prevails
 GRAVITY = (0.0, 0.0, -9.81)
 LEAD = "lead"
+LOOK = "quick look"  # of a sweep: no stability, no accuracy
 
 
 def seconds(action: Callable[[], object], repeats: int) -> float:
@@ -195,10 +196,10 @@ def ablation(repeats: int) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         balled = with_ball(heavy, 20_000, Path(folder))[0]
         parts = clearance(balled)
-    full, stable, look = (timed(heavy, rigour) for rigour in ("full", "stable", "look"))
+    full, stable, look = (timed(heavy, rigour) for rigour in ("full", "stable", LOOK))
     return [
-        {"what": "weight", "with": timed(tiny, "look"), "without": timed(light, "look"), "of": "100 frames solved"},
-        {"what": "unequal bending stiffness", "with": timed(flat, "look"), "without": look, "of": "100 frames solved"},
+        {"what": "weight", "with": timed(tiny, LOOK), "without": timed(light, LOOK), "of": "100 frames solved"},
+        {"what": "unequal bending stiffness", "with": timed(flat, LOOK), "without": look, "of": "100 frames solved"},
         {"what": "parts (20,000 triangles)", "with": simulated + parts, "without": simulated,
          "of": "100 frames simulated"},
         {"what": "clearance to itself", "with": simulated + clearance(near), "without": simulated,
@@ -226,7 +227,7 @@ def processes(repeats: int) -> list[Row]:
 def planar_share(repeats: int) -> str:
     """Return what a planar reduction could save at most: all that solving the shapes takes."""
     motion = np.linspace(0.0, 1.0, 100)
-    solving = seconds(lambda: sweep(scene(), LEAD, motion, rigour="look"), repeats)
+    solving = seconds(lambda: sweep(scene(), LEAD, motion, rigour=LOOK), repeats)
     whole = seconds(lambda: ho.simulate(scene(), frames=motion), repeats)
     return (
         f"Third dimension: solving 100 shapes takes {1e3 * solving:.0f} of {1e3 * whole:.0f} ms of their simulation, "

@@ -214,7 +214,8 @@ def cold_start(found: Run) -> str:
     if not shape.stable:
         return "unstable"
     single = dataclasses.replace(
-        found.shapes.first(1), **{key: getattr(shape, key)[None] for key in ("position", "quaternion", "curvature")}
+        found.shapes.frames(slice(1)),
+        **{key: getattr(shape, key)[None] for key in ("position", "quaternion", "curvature")},
     )
     linked = float(cable_twist(single)[0]) + cable_writhe(single, 0)
     if abs(linked - wanted.twist / 360.0) > 0.5:

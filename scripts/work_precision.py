@@ -42,7 +42,7 @@ from harness_opt.rod.boundary import Case
 from harness_opt.rod.differential_quadrature import Dqm
 from harness_opt.statics.continuation import follow, step
 from harness_opt.statics.mesh import refine
-from harness_opt.statics.solve import SOLVERS, Solved, error_estimate, resample, solve_on
+from harness_opt.statics.solve import SOLVER_OF, Solved, error_estimate, resample, solve_on
 
 Array = np.ndarray
 Row = dict[str, Any]
@@ -252,7 +252,7 @@ def warm_quadrature(way: Way, extent: Extent) -> Iterator[Row]:
                 at = before.sample(method.rule.nodes)
                 clock = time.process_time()
                 options = Options(iterations=200, stationary=True)
-                solution = SOLVERS[solver](method.least_squares(), method.pack(at.q, at.force), options)
+                solution = SOLVER_OF[solver](method.least_squares(), method.pack(at.q, at.force), options)
                 seconds.append(time.process_time() - clock)
                 position = method.centreline(solution.x, S) if solution.status.ok else None
                 return Outcome(position, "ok" if solution.status.ok else solution.status.name.lower())

@@ -248,7 +248,7 @@ def test_options_reach_the_solve(here, monkeypatch):
     given = [part for name, value in options.items() for part in (f"--{name.replace('_', '-')}", str(value))]
     assert main(["simulate", put(FLAP), *PLAIN, *given]) == 0
     assert {name: seen[name] for name in options} == options
-    assert set(cli.SOLVERS) == set(solving.SOLVERS)
+    assert set(cli.SOLVERS) == set(solving.SOLVER_OF)
 
 
 def test_json_and_nothing_else_on_stdout(here):

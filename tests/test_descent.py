@@ -47,7 +47,7 @@ class Sphere:
     def move(self, q, step):
         return q + step
 
-    def strained(self, q):
+    def too_coarse(self, q):
         return False
 
 
@@ -55,7 +55,7 @@ class Sphere:
 def test_a_minimum_is_found_and_not_a_saddle(start):
     # without a slope minimum, saddle and maximum are the axes
     found = descend(Sphere((0.0, 0.0, 1e-3), (-3.0, -1.0, 2.0)), np.array(start), np.zeros(1), longest=0.3, steps=300)
-    assert found.ended is Ended.AT_REST
+    assert found.ended is Ended.AT_MINIMUM
     np.testing.assert_allclose(np.abs(found.q), [1.0, 0.0, 1e-3 / 5.0], atol=1e-6)
     assert found.multipliers[0] == pytest.approx(-3.0, abs=1e-6)
 

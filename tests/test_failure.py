@@ -16,7 +16,7 @@ from harness_opt.numerics.interface import LeastSquares, Options, Solution, larg
 from harness_opt.numerics.linear import factorise
 from harness_opt.statics import continuation
 from harness_opt.statics import mesh as refinement
-from harness_opt.statics.solve import SOLVERS
+from harness_opt.statics.solve import SOLVER_OF
 
 NAN = math.nan
 CABLE = ho.Cable(length=1.0, diameter=0.01, bending_stiffness=1.0, torsional_stiffness=0.7, mass_per_length=0.5)
@@ -293,7 +293,7 @@ def least_squares(count: int, residual) -> LeastSquares:
 def solve(name: str, problem: LeastSquares, start, **options) -> Solution:
     """Solve, and check that what the solution says of itself is true."""
     given = Options(**options)
-    solution = SOLVERS[name](problem, np.asarray(start, dtype=float), given)
+    solution = SOLVER_OF[name](problem, np.asarray(start, dtype=float), given)
     reached = largest(problem.residual(solution.x))
     assert solution.residual == pytest.approx(reached, rel=1e-12) or not np.isfinite(reached)
     assert solution.status.ok == (reached <= given.tolerance)
@@ -311,7 +311,7 @@ POWELL = least_squares(  # its Jacobian loses two ranks at the root
         np.sqrt(10) * (x[0] - x[3]) ** 2,
     ],
 )
-BY_SOLVER = pytest.mark.parametrize("name", SOLVERS)
+BY_SOLVER = pytest.mark.parametrize("name", SOLVER_OF)
 
 
 @BY_SOLVER
@@ -373,7 +373,7 @@ def test_jacobian_that_is_not_finite(name):
     assert np.all(np.isfinite(solution.x))
 
 
-@pytest.mark.parametrize("name", [name for name in SOLVERS if name != "paper"])  # (26) takes every step
+@pytest.mark.parametrize("name", [name for name in SOLVER_OF if name != "paper"])  # (26) takes every step
 def test_steps_shorten_where_the_residual_ends(name):
     # a full Newton step from 1 lands at -4, where there is no logarithm
     solution = solve(name, least_squares(1, lambda x: [ca.log(x[0]) + 5]), [1.0])

@@ -13,8 +13,8 @@ import harness_opt as ho
 from harness_opt.motion import follower as following
 from harness_opt.motion import frames as followed_frames
 from harness_opt.motion import sweep as sweeps
-from harness_opt.motion.common_mesh import common_mesh, moved_to, on_one_mesh
-from harness_opt.motion.frames import LAST, Frames, Stretches, at_a_time, by_mesh
+from harness_opt.motion.common_mesh import common_mesh, on_mesh, on_one_mesh
+from harness_opt.motion.frames import KEPT_FRAMES, Frames, Stretches, at_a_time, by_mesh
 from harness_opt.motion.rows_on_disk import RowsOnDisk
 from harness_opt.statics.mesh import ELEMENTS
 
@@ -37,7 +37,7 @@ def test_frames_on_disk_change_nothing(monkeypatch, rigour):
         found.append(sweeps.sweep(problem(), "lead", values, rigour=rigour))
     held, streamed = found
     assert held.frames.stowed == 0
-    assert streamed.frames.stowed >= 120 - LAST - at_a_time(streamed.frames[0])
+    assert streamed.frames.stowed >= 120 - KEPT_FRAMES - at_a_time(streamed.frames[0])
     assert np.array_equal(held.origins, streamed.origins)
     assert np.array_equal(held.errors, streamed.errors)
     for before, after in zip(held.frames, streamed.frames, strict=True):
@@ -49,13 +49,13 @@ def test_frames_on_disk_change_nothing(monkeypatch, rigour):
 
 def test_what_is_on_disk_takes_no_memory():
     values = np.linspace(0.0, 1.0, 100)
-    given = sweeps.sweep(problem(), "lead", values, rigour="look").frames
+    given = sweeps.sweep(problem(), "lead", values, rigour="quick look").frames
     size = given[0].solution.x.nbytes
     frames = Frames(most_held=10 * size)
     for count, frame in enumerate(given, 1):
         frames.append(frame)
         assert len(frames) == count
-        assert count - frames.stowed <= LAST + at_a_time(frame)
+        assert count - frames.stowed <= KEPT_FRAMES + at_a_time(frame)
     assert all(stub.solution.factor is None and not stub.solution.x.size for stub in frames._stowed)
     assert all("rod" not in vars(stub) and stub.trail is None for stub in frames._stowed)
     assert np.array_equal(frames.errors()[0], given.errors()[0])
@@ -67,7 +67,7 @@ def test_what_is_on_disk_takes_no_memory():
 
 @pytest.mark.parametrize("count", [0, 7, 60, 97])
 def test_frames_that_are_cut_off_can_be_added_again(count):
-    given = sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 100), rigour="look").frames
+    given = sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 100), rigour="quick look").frames
     frames = Frames(given, most_held=0)
     errors = frames.errors()[0]
     frames.cut(count)
@@ -82,7 +82,7 @@ def test_frames_that_are_cut_off_can_be_added_again(count):
 
 @pytest.mark.parametrize("rows", [0, 1, 8])
 def test_a_time_limit_that_strikes_on_the_way_to_disk_loses_nothing(monkeypatch, rows):
-    given = sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 40), rigour="look").frames
+    given = sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 40), rigour="quick look").frames
     frames, written, write = Frames(most_held=0), [], RowsOnDisk.__setitem__
 
     def struck(self, number, row):
@@ -137,9 +137,9 @@ def test_where_there_is_no_folder_for_it_rows_stay_in_memory(tmp_path, monkeypat
 
 
 def test_frames_on_several_meshes_are_a_sequence_and_come_onto_one():
-    given = list(sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 9), rigour="look").frames)
+    given = list(sweeps.sweep(problem(), "lead", np.linspace(0.0, 1.0, 9), rigour="quick look").frames)
     third = np.linspace(0.0, 1.0, 17) ** 1.2
-    mixed = [*given[:3], *(moved_to(frame, third, "gauss-newton") for frame in given[3:6]), *given[6:]]
+    mixed = [*given[:3], *(on_mesh(frame, third, "gauss-newton") for frame in given[3:6]), *given[6:]]
     frames = Stretches()
     for count, frame in enumerate(mixed, 1):
         frames.append(frame)

@@ -11,11 +11,12 @@ import harness_opt as ho
 from harness_opt.numerics import gauss_newton, rotations
 from harness_opt.numerics.interface import Options
 from harness_opt.rod.boundary import case
-from harness_opt.rod.collocation import NodeStates, collocation, pack, stations
+from harness_opt.rod.collocation import collocation, pack, stations
+from harness_opt.rod.states import Rod
 from harness_opt.statics.solve import STAGES, error_estimate, solve_on
 
 FINE, FINE_STAGES = 96, 6  # elements and stages of the solve that stands for the truth
-ROUNDING = 1e-12  # true errors below this are not measured
+FORCE_ROUNDING = 1e-12  # true errors below this are not measured
 DOWN = np.array([0.0, 0.0, -1.0])
 ALONG_X = tuple(rotations.from_tangent((1, 0, 0)).tolist())
 TILTED = tuple(rotations.normalise([0.3, 0.2, -0.1, 0.9]).tolist())
@@ -48,7 +49,7 @@ def guess(name: str, mesh: np.ndarray, stages: int) -> np.ndarray:
 
 
 @functools.cache
-def solve(name: str, elements: int, stages: int) -> NodeStates:
+def solve(name: str, elements: int, stages: int) -> Rod:
     """Solve on a uniform mesh by the transcription itself."""
     posed, mesh = case(*CASES[name], DOWN), np.linspace(0, 1, elements + 1)
     bound = collocation(elements, stages, bool(np.any(posed.load))).bind(
@@ -56,10 +57,10 @@ def solve(name: str, elements: int, stages: int) -> NodeStates:
     )
     solution = gauss_newton.solve(bound.least_squares(), guess(name, mesh, stages), Options(1e-12, 60))
     assert solution.status.ok
-    return bound.unpack(solution.x)
+    return bound.rod(solution.x)
 
 
-def truth(name: str) -> NodeStates:
+def truth(name: str) -> Rod:
     return solve(name, FINE, FINE_STAGES)
 
 
@@ -91,7 +92,7 @@ def test_estimate_on_uniform_meshes(name, elements):
     solved = solve_on(case(*CASES[name], DOWN), mesh, guess(name, mesh, STAGES), "gauss-newton")
     true = np.max(np.linalg.norm(solved.rod.r - truth(name).r[:: FINE // elements], axis=1))
     estimate = error_estimate(solved)[0]
-    assert true > ROUNDING
+    assert true > FORCE_ROUNDING
     assert estimate > 0.1 * true
     if elements >= 6:  # the series behind the estimate is cut: on coarser meshes it errs on the safe side
         assert estimate < 10 * true
@@ -105,4 +106,4 @@ def test_estimate_that_the_user_sees(name, tolerance):
     true = np.max(np.linalg.norm(found.position - exact, axis=1))
     assert found.ok and found.estimated_error <= tolerance
     assert true <= tolerance
-    assert 0.1 * true < found.estimated_error < max(10 * true, 10 * ROUNDING)
+    assert 0.1 * true < found.estimated_error < max(10 * true, 10 * FORCE_ROUNDING)

@@ -400,7 +400,7 @@ def test_moments_of_a_film_go_on_and_stop_at_the_worst(two_cables, worst):
 
 def test_what_stands_still_has_no_film(pyvista, two_cables, tmp_path):
     one = replace(
-        two_cables, motion=two_cables.motion[:1], cables={n: c.first(1) for n, c in two_cables.cables.items()}
+        two_cables, motion=two_cables.motion[:1], cables={n: c.frames(slice(1)) for n, c in two_cables.cables.items()}
     )
     assert animation.write_pictures_and_film(one, tmp_path) == ["worst.png"]
 

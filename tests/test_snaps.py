@@ -14,7 +14,7 @@ from test_analytic import ALONG_X
 from test_reference import G, cable, ends
 
 import harness_opt as ho
-from harness_opt.motion.follower import EDGE
+from harness_opt.motion.snaps import PLACE_TOLERANCE
 
 SPAN = 0.6  # of the arch, in lengths of the cable
 FROM, TO = 20.0, -100.0  # degrees that the lever turns through
@@ -41,7 +41,7 @@ def test_a_snap_stands_at_one_motion_value_whatever_the_spatial_step(weight):
     found = [ho.simulate(arch(weight), spatial_step=step) for step in (0.011, 0.02, 0.05)]
     assert all(len(motion.snaps) == 1 and motion.cables["lead"].stable.all() for motion in found)
     places = [motion.snaps[0].motion for motion in found]
-    assert max(places) - min(places) <= 2 * EDGE
+    assert max(places) - min(places) <= 2 * PLACE_TOLERANCE
     for motion in found:  # the frame that first shows the new shape is the first one past the place
         snap = motion.snaps[0]
         assert motion.motion[snap.frame - 1] < snap.motion <= motion.motion[snap.frame]

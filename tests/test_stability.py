@@ -30,7 +30,7 @@ BELOW, ABOVE = 0.99, 1.01
 @pytest.fixture(autouse=True, params=["dense", "sparse"])
 def matrices(request, monkeypatch):
     """Every threshold is met by either way to the eigenvalues."""
-    monkeypatch.setattr(stability_module, "LARGE", 10**6 if request.param == "dense" else 0)
+    monkeypatch.setattr(stability_module, "SPARSE_FROM", 10**6 if request.param == "dense" else 0)
 
 
 def straight(

@@ -14,7 +14,7 @@ from harness_opt.rod import equations as rod
 from harness_opt.rod.boundary import case
 from harness_opt.rod.long_elements import TERMS, LongElements
 from harness_opt.statics.cold_start import cold_start
-from harness_opt.statics.corrections import polished
+from harness_opt.statics.corrections import correct_to_rounding
 from harness_opt.statics.solve import solve_on
 
 CABLE = ho.Cable(1.0, 0.01, 1.0, 1.0)  # kx = ky = kz = 1 N m2
@@ -159,6 +159,6 @@ def test_a_loose_solve_is_polished_until_rounding_is_left():
     good = cold_start(posed, 0, None, "gauss-newton")
     loose = solve_on(good.case, good.bound.mesh, good.solution.x + 1e-4, "gauss-newton", residual=1e-4)
     assert loose.ok and loose.solution.residual > 1e-12
-    fine = polished(loose)
+    fine = correct_to_rounding(loose)
     assert fine.solution.residual < 1e-13
     assert fine.solution.residual == np.max(np.abs(fine.bound.residual(fine.solution.x)))

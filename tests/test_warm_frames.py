@@ -7,7 +7,7 @@ import pytest
 from test_reference import CASES, G, cable, ends, table
 
 import harness_opt as ho
-from harness_opt.motion.follower import Follower
+from harness_opt.motion.follower import CableFollower
 from harness_opt.numerics import rotations
 from harness_opt.numerics.linear import BENIGN, factorise
 from harness_opt.rod.boundary import case
@@ -52,7 +52,7 @@ def swung(weight: float) -> ho.Problem:
 
 
 def test_a_frame_takes_two_steps_and_seldom_a_jacobian(counted):
-    follower = Follower(swung(30.0), "lead", np.linspace(0.0, 1.0, 101), "gauss-newton", 0, None)
+    follower = CableFollower(swung(30.0), "lead", np.linspace(0.0, 1.0, 101), "gauss-newton", 0, None)
     follower._append(follower._start(None, None))
     counted.update(residual=0, linearise=0)
     for _ in range(100):

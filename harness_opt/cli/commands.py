@@ -21,6 +21,7 @@ import click
 from harness_opt.cli.interrupts import Abandoned
 from harness_opt.cli.run import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
 from harness_opt.errors import CompilerError, HarnessError, ProblemError
+from harness_opt.model.methods import SOLVERS, TRANSCRIPTIONS
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
 
-SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
-TRANSCRIPTIONS = ("collocation", "dqm")
 EXPORTS = ("paraview", "csv", "gltf", "stl")
 CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")  # all but tab and new line
 MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold

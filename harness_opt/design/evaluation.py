@@ -112,7 +112,7 @@ class Evaluator:
                 guesses = [close.get(index) for index in indices]
                 sweeps[name] = sweep(
                     changed, name, motion_values, solver=self.solver, guesses=guesses,
-                    rigour="look" if quick else "stable", progress=self.progress,
+                    rigour="quick look" if quick else "stable", progress=self.progress,
                 )  # fmt: skip
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None

@@ -28,7 +28,7 @@ LEAST_TRUST = 1e-5
 STEP_DONE = 1e-3  # a step below this, in the bounds' ranges, ends the search
 PROMISE = 1e-3  # of a violation or shortfall: a step that promises to take away less ends the search
 WORTH = 8.0  # times an objective of change or length: by a thousandth of that it may be missed
-TINY = 1e-9  # of such an objective: nothing
+LEAST_WORTH = 1e-9  # of such an objective counts as none
 LEAST_SHORT = 0.2  # in scales: of a smaller shortfall that share is taken of this
 MARGIN = 1e-3  # by how much a trial must improve on the designs met before
 FAILURES = 3  # in a row, where a limit is violated by more than WORST: other starts promise more
@@ -131,7 +131,7 @@ def _step(objective: Objective, design: Evaluated, trust: float, tried: list[Eva
         return answer.step, (short - answer.slack) / short if short > 0.0 else np.inf
     if not np.any(program.soft):
         gain = -float(program.gradient @ answer.step + 0.5 * program.curvature @ answer.step**2)
-        return answer.step, gain / (WORTH * objective.value(design) + TINY)
+        return answer.step, gain / (WORTH * objective.value(design) + LEAST_WORTH)
     short = float(np.max(-program.margin[program.soft]))
     return answer.step, (max(short, program.floor) - answer.shortfall) / max(abs(short), LEAST_SHORT)
 

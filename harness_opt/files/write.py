@@ -20,7 +20,7 @@ from harness_opt.files.tolerance_table import content_of
 from harness_opt.model.bodies import Body, BodyMotion, Hinge, Poses, Slide
 from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.design import Limits
-from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Shape, Sphere
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
@@ -219,7 +219,7 @@ def _part(part: Part, places: Places) -> Table:
     return found
 
 
-def _shape_rows(shape: Shape, places: Places) -> Rows:
+def _shape_rows(shape: MeshFile | Solid, places: Places) -> Rows:
     if isinstance(shape, MeshFile):
         return [
             ("mesh", _relative(shape.path, places.folder), ""),

@@ -18,19 +18,15 @@ STATIONS = 101  # equally spaced along the cable
 
 
 @dataclass(frozen=True)
-class CableMotion:
-    """The shapes of one cable over the motion, as in ``motion.npz``.
+class Quantities:
+    """What is known at stations along a cable; leading axes (...) count shapes, none for a single one.
 
     Args:
         s: arc lengths of the stations, m, (N,).
-        position: (P, N, 3), m.
-        quaternion: section frames, scalar first, (P, N, 4).
-        curvature: Darboux vector in the section frame, 1/m, (P, N, 3).
-        force, moment: internal, s+ side on s- side, world, N and N m, (P, N, 3).
-        stable: (P,), whether each shape is a stable equilibrium.
-        stability_margin: (P,), lowest eigenvalue of the second variation, dimensionless; below 0 is unstable.
-        residual: (P,), largest scaled residual of each frame.
-        estimated_error: (P,), of the shape, in lengths of the cable.
+        position: (..., N, 3), m.
+        quaternion: section frames, scalar first, (..., N, 4).
+        curvature: Darboux vector in the section frame, 1/m, (..., N, 3).
+        force, moment: internal, s+ side on s- side, world, N and N m, (..., N, 3).
     """
 
     s: Array
@@ -39,14 +35,27 @@ class CableMotion:
     curvature: Array
     force: Array
     moment: Array
+
+
+@dataclass(frozen=True)
+class CableMotion(Quantities):
+    """The shapes of one cable over the motion, as in ``motion.npz``; the quantities have the shape (P, N, ...).
+
+    Args:
+        stable: (P,), whether each shape is a stable equilibrium.
+        stability_margin: (P,), lowest eigenvalue of the second variation, dimensionless; below 0 is unstable.
+        residual: (P,), largest scaled residual of each frame.
+        estimated_error: (P,), of the shape, in lengths of the cable.
+    """
+
     stable: Array
     stability_margin: Array
     residual: Array
     estimated_error: Array
 
-    def first(self, frames: int) -> CableMotion:
-        """Return the first ``frames`` frames alone."""
-        cut = {f.name: getattr(self, f.name)[:frames] for f in dataclasses.fields(self) if f.name != "s"}
+    def frames(self, which: slice) -> CableMotion:
+        """Return the frames that ``which`` names alone."""
+        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name != "s"}
         return dataclasses.replace(self, **cut)
 
 

@@ -27,12 +27,9 @@ import numpy as np
 from harness_opt.errors import CompilerError
 from harness_opt.numerics.rotations import Array
 
-COMPILERS = ("cc", "gcc", "clang")
 # -O2 takes twice as long to compile and makes nothing faster; products and sums are rounded one by one, as casadi does
 FLAGS = ("-O1", "-ffp-contract=off", "-fPIC", "-shared")
 LIBRARIES = ("-lm",)
-LONGEST = 600.0  # s, of one compilation
-SAID = 2000  # characters of what the compiler says that are shown
 
 _wanted: ContextVar[bool] = ContextVar("machine code wanted", default=False)
 
@@ -72,11 +69,12 @@ def _compiler() -> _Compiler:
     Raises:
         CompilerError: there is none.
     """
-    for name in COMPILERS:
+    compilers = ("cc", "gcc", "clang")
+    for name in compilers:
         path = shutil.which(name)
         if path is not None:
             return _Compiler(path, _run([path, "--version"]))
-    raise CompilerError(f"no C compiler was found on the PATH: looked for {', '.join(COMPILERS)}")
+    raise CompilerError(f"no C compiler was found on the PATH: looked for {', '.join(compilers)}")
 
 
 def _run(command: list[str]) -> str:
@@ -85,12 +83,16 @@ def _run(command: list[str]) -> str:
     Raises:
         CompilerError: it could not be run, failed, or took too long.
     """
+    most_shown = 2000  # characters of what the compiler says that are shown
+    most_seconds = 600.0  # s, of one compilation
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=most_seconds, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CompilerError(f"the C compiler did not run: {error}") from error
     if done.returncode != 0:
-        raise CompilerError(f"the C compiler failed ({command[0]}): {(done.stderr or done.stdout).strip()[:SAID]}")
+        raise CompilerError(
+            f"the C compiler failed ({command[0]}): {(done.stderr or done.stdout).strip()[:most_shown]}"
+        )
     return done.stdout
 
 

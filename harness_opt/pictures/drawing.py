@@ -56,10 +56,7 @@ class DrawnFrame:
     def of(motion: Motion, scene: Scene, frame: int, palette: tuple[str, ...] = CABLES) -> DrawnFrame:
         """Return a frame of ``motion``, its clearances measured."""
         only = slice(frame, frame + 1)
-        cables = {
-            name: CableMotion(shapes.s, *(value[only] for key, value in vars(shapes).items() if key != "s"))
-            for name, shapes in motion.cables.items()
-        }
+        cables = {name: shapes.frames(only) for name, shapes in motion.cables.items()}
         return DrawnFrame(motion, scene, frame, measure(motion.problem, scene, motion.motion[only], cables), palette)
 
     @property
