@@ -1,7 +1,7 @@
 """What does the cable of the paper's rig do when it is twisted further and further, and which rigidity makes it wrap?
 
-    python scripts/twist_rig.py -o results/twist_rig --jobs 2
-    python scripts/twist_rig.py --quick
+    python scripts/problems/twist_rig.py -o results/twist_rig --jobs 2
+    python scripts/problems/twist_rig.py --quick
 
 The rig of section 5 of Liu et al.: a straight cable, one end turned about its own tangent, then brought towards the
 other. Table 1 prints its bending rigidity as "0.134.5", so both readings of ``problems/twist_rig`` are taken. Here the

@@ -1,7 +1,7 @@
 """Does a run that is killed leave anything that looks finished and is not?
 
-    python scripts/kill.py --kills 50
-    python scripts/kill.py --kills 4 --seed 3
+    python scripts/checks/kill.py --kills 50
+    python scripts/checks/kill.py --kills 4 --seed 3
 
 ``simulate`` and ``redesign`` are killed (SIGKILL, which nobody can catch) at random moments, half of them while the
 result folder is being written: as soon as a hidden folder appears beside the target, and up to a tenth of a second
@@ -24,11 +24,11 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SOON = 0.1  # s after a hidden folder appears
 POLL = 5e-4  # s between two looks
 LONGEST = 120.0  # s that a run may take
-PROBLEM = ROOT / "scripts" / "flap.toml"  # violated, and redeemed by more length
+PROBLEM = Path(__file__).with_name("flap.toml")  # violated, and redeemed by more length
 # the report is written, and then pictures are left out for want of pyvista: three chances to be caught writing
 CODE = "import sys; sys.modules['pyvista'] = None; from harness_opt.cli.commands import main; sys.exit(main())"
 

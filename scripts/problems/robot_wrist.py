@@ -1,7 +1,7 @@
 """Makes what the problem ``robot_wrist`` needs: a robot's joint trajectory as motions of its links, and their meshes.
 
     pip install "harness-opt[robots]"
-    python scripts/robot_wrist.py
+    python scripts/problems/robot_wrist.py
     harness-opt simulate problems/robot_wrist/robot_wrist.toml
 
 The robot is the UR5 of the package example-robot-data, whose files are not kept here: its URDF is read by pinocchio,
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-FOLDER = Path(__file__).resolve().parent.parent / "problems" / "robot_wrist"
+FOLDER = Path(__file__).resolve().parents[2] / "problems" / "robot_wrist"
 MISSING = 'robot_wrist is left out: it needs the robot\'s files and pinocchio; try pip install "harness-opt[robots]"'
 LINKS = ("upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link")
 DURATION = 3.0  # s

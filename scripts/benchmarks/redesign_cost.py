@@ -4,7 +4,7 @@ The cable of ``lift_arm`` is redesigned with its length alone, then with more an
 as well, each time from the design as drawn. A simulation is what ``harness-opt simulate`` solves and certifies of it:
 shapes, clearances, limits. All times are of the processor.
 
-    python scripts/redesign_cost.py
+    python scripts/benchmarks/redesign_cost.py
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import harness_opt as ho
 
-PROBLEM = Path(__file__).resolve().parent.parent / "problems" / "lift_arm" / "lift_arm.toml"
+PROBLEM = Path(__file__).resolve().parents[2] / "problems" / "lift_arm" / "lift_arm.toml"
 REPEATS = 3
 SHIFT = 0.02  # m, by which positions may change
 TURN = 20.0  # degrees, by which clamps may turn

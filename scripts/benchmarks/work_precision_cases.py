@@ -19,7 +19,7 @@ from harness_opt.numerics import rotations
 from harness_opt.rod import boundary
 
 Array = np.ndarray
-REFERENCE = Path(__file__).resolve().parent.parent / "tests" / "reference"
+REFERENCE = Path(__file__).resolve().parents[2] / "tests" / "reference"
 G = 9.81  # m/s2
 TABULATED = 10  # places of S from one that the references tabulate to the next
 S = np.linspace(0.0, 1.0, 100 * TABULATED + 1)  # where shapes are compared: between the references' places too

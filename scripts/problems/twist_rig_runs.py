@@ -17,7 +17,7 @@ from harness_opt.pictures import drawing
 
 Array = np.ndarray
 FILES = {"0.1345": "twist_rig.toml", "134.5": "twist_rig_134_5.toml"}  # by reading of the bending rigidity, mN m2
-PROBLEMS = Path(__file__).resolve().parent.parent / "problems" / "twist_rig"
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems" / "twist_rig"
 CABLE = "cable"
 NEAR, FAR = 0.2, 0.98  # distance of the ends, in lengths of the cable
 TURN_STEP, STEP = 5.0, 0.01  # degrees and lengths of the cable between two frames; twice that in a quick run

@@ -1,7 +1,7 @@
 """How does the time grow with elements, frames, triangles, cables and design variables, and what does leaving out save?
 
-    python scripts/scaling.py -o results/scaling
-    python scripts/scaling.py --quick
+    python scripts/benchmarks/scaling.py -o results/scaling
+    python scripts/benchmarks/scaling.py --quick
 
 First part: times against one size at a time, and the exponent of the power law fitted to all but the smallest sizes;
 ``scaling.csv`` and, where matplotlib is installed, ``scaling.png``. Second part, ``left_out.csv``: for each thing that

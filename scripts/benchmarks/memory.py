@@ -1,7 +1,7 @@
 """How much memory do long motions and crowded scenes take?
 
-    python scripts/memory.py -o results/memory
-    python scripts/memory.py --quick
+    python scripts/benchmarks/memory.py -o results/memory
+    python scripts/benchmarks/memory.py --quick
 
 Each row is a whole ``harness-opt simulate`` in a process of its own, report included, pictures left out: the most
 memory that it held at any time, its time, and whether everything was certified. Scenes are made here: a
@@ -27,7 +27,7 @@ from pathlib import Path
 import trimesh
 
 MOST = 2 * 10**9  # bytes
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 ROUND = 3  # subdivisions of an icosahedron: 1,280 triangles
 TURN = 90.0  # degrees of the hinge
 ARM = 0.2  # m from the hinge to the clamp on it

@@ -13,7 +13,7 @@ import harness_opt as ho
 from harness_opt.report.html_page import prepare, write_page
 from harness_opt.report.summary import summary
 
-FOLDER = Path(__file__).resolve().parent.parent / "problems" / "lift_arm"
+FOLDER = Path(__file__).resolve().parents[2] / "problems" / "lift_arm"
 SIZE = {"width": 1140, "height": 960}
 # WebGL in software, so that the picture is the same everywhere
 ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]

@@ -6,7 +6,7 @@ scenes that no design can save, each with the reason why not: the clamps turn th
 a ball stands on the clamp's way, a wall parts the clamps, the cable weighs more than the clamps may hold, two cables'
 clamps stand too near to each other.
 
-    python scripts/redesign_family.py [--first 0] [--feasible 50] [--infeasible 20]
+    python scripts/benchmarks/redesign_family.py [--first 0] [--feasible 50] [--infeasible 20]
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def feasible(seed: int) -> Scene:
             continue
         parts = _parts(random, bare, shapes)
         known = dataclasses.replace(bare, parts=parts, limits=_limits(random, bare, shapes))
-        if len(parts) < 2 or not _holds(known):
+        if len(parts) < 2 or not holds(known):
             continue
         start = _start(random, known)
         if start is not None:
@@ -158,7 +158,8 @@ def _limits(random: np.random.Generator, problem: ho.Problem, motion: ho.Motion)
     return ho.Limits(clearance=0.003, bend_radius=SLACK * worst["bend_radius"], **given)
 
 
-def _holds(problem: ho.Problem) -> bool:
+def holds(problem: ho.Problem) -> bool:
+    """Return whether a simulation of ``problem`` holds all limits."""
     motion = ho.simulate(problem, throw=False)
     return (
         motion.ok

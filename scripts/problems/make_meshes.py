@@ -1,7 +1,7 @@
 """Makes the meshes of the shipped problems: run it again after changing a shape here.
 
-    python scripts/make_meshes.py
-    python scripts/make_meshes.py FOLDER          # one bracket in five states, for tests of what reads meshes
+    python scripts/problems/make_meshes.py
+    python scripts/problems/make_meshes.py FOLDER          # one bracket in five states, for tests of what reads meshes
 
 Needs the extra ``meshes`` (manifold3d does the cutting). Coordinates are those of the body each part belongs to, in
 millimetres, and every mesh is closed.
@@ -18,7 +18,7 @@ from trimesh import Trimesh
 from trimesh.creation import box, cylinder
 from trimesh.transformations import translation_matrix
 
-PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 
 
 def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> Trimesh:

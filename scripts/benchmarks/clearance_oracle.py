@@ -1,7 +1,7 @@
 """Are the distances of cables to meshes right, and what do they cost? Brute force over random pairs, and times.
 
-    python scripts/clearance_oracle.py            # 10,000 pairs and the table of times, some minutes
-    python scripts/clearance_oracle.py 300        # fewer pairs
+    python scripts/benchmarks/clearance_oracle.py            # 10,000 pairs and the table of times, some minutes
+    python scripts/benchmarks/clearance_oracle.py 300        # fewer pairs
 
 Each pair is a mesh and a stretch of a cable set to be hard for it: inside, outside, touching, along a face, in the
 plane of a triangle, through a corner. Every point is compared with all triangles, exactly, and its side with the sum of
@@ -185,7 +185,7 @@ def times() -> None:
     folder = Path(tempfile.mkdtemp())
     for name, sections, size in (("big", 100, 60.0), ("small", 44, 30.0)):
         trimesh.creation.torus(size, size / 3, sections, sections).export(folder / f"{name}.stl")
-    lift = ho.read_problem(Path(__file__).resolve().parent.parent / "problems" / "lift_arm" / "lift_arm.toml")
+    lift = ho.read_problem(Path(__file__).resolve().parents[2] / "problems" / "lift_arm" / "lift_arm.toml")
     motion = ho.simulate(lift)
     near = ho.Part(ho.MeshFile(folder / "big.stl", "mm"), position=(0.1, 0.09, 0.1), clearance=0.004)
     rng = np.random.default_rng(0)

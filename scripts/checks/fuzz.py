@@ -1,7 +1,7 @@
 """Does any input bring the program down? Spoilt problem files, tables of poses, meshes and results, thousands of them.
 
-    python scripts/fuzz.py --inputs 20000
-    python scripts/fuzz.py --seed 7 --inputs 1 --keep spoilt
+    python scripts/checks/fuzz.py --inputs 20000
+    python scripts/checks/fuzz.py --seed 7 --inputs 1 --keep spoilt
 
 Each input is one of the shipped problems, or a small one that has all kinds of files, with a few bytes or a few keys of
 one of its files changed. Most are given to ``check``, some to ``simulate``, ``redesign`` or, as a result folder, to

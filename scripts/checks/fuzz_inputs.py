@@ -1,4 +1,4 @@
-"""Files for ``scripts/fuzz.py`` to spoil, and ways to spoil them: a few bytes, or a few keys and values."""
+"""Files for ``scripts/checks/fuzz.py`` to spoil, and ways to spoil them: a few bytes, or a few keys and values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 CHANGES = (1, 1, 1, 2, 4)  # of one file; most often so few that what follows is reached
 
 SMALL = """\

@@ -1,7 +1,7 @@
 """How large an error does how much time buy, for every transcription, solver and resolution, and for the peers?
 
-    python scripts/work_precision.py -o results/work_precision
-    python scripts/work_precision.py --quick
+    python scripts/benchmarks/work_precision.py -o results/work_precision
+    python scripts/benchmarks/work_precision.py --quick
 
 Each case of ``work_precision_cases.py`` is solved cold, from its clamps alone to a certified shape, and warm, as the
 last of 100 frames that lead to it from an easier case: there the solve alone is timed, with every shape predicted from

@@ -1,7 +1,7 @@
 """How accurate is the paper's own method, where does it break, and what does it cost beside ours for the same poses?
 
-    python scripts/paper_method.py -o results/paper_method
-    python scripts/paper_method.py --quick
+    python scripts/benchmarks/paper_method.py -o results/paper_method
+    python scripts/benchmarks/paper_method.py --quick
 
 First the clamped elastica at an end distance of 0.6 L, which is known exactly: error against the number of points N,
 with and without the closure of the length (25); ``elastica.csv`` and, where matplotlib is installed, ``elastica.png``.
@@ -30,7 +30,7 @@ from harness_opt.statics.mesh import refine
 from harness_opt.statics.paper_pose import Quadrature, solve_by_quadrature
 from harness_opt.statics.solve import resample, solve_on
 
-RIG = Path(__file__).resolve().parent.parent / "problems" / "twist_rig" / "twist_rig.toml"
+RIG = Path(__file__).resolve().parents[2] / "problems" / "twist_rig" / "twist_rig.toml"
 CABLE = "cable"
 DISTANCE = 0.6  # of the elastica's ends, in lengths of the cable
 POINTS, QUICK_POINTS = (11, 15, 21, 25, 31, 35, 41, 51, 61, 81, 101), (15, 21, 31, 41)

@@ -9,7 +9,9 @@ import sys
 import types
 from pathlib import Path
 
-HIT = (Path(__file__).resolve().parent.parent / "scripts" / "flap.toml").read_text(encoding="utf-8")
+from oracles.problems import ROOT
+
+HIT = (ROOT / "scripts" / "checks" / "flap.toml").read_text(encoding="utf-8")
 FLAP = HIT.replace("position = [0.08, 0.01, 0.092]", "position = [0.08, 0, 0]")
 WALLED = HIT.replace("[0.25, 0.45]", "[0.295, 0.305]")
 PLAIN = ("--no-pictures",)
@@ -36,7 +38,7 @@ def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 
 def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 def stand_in(**functions: object) -> types.ModuleType:

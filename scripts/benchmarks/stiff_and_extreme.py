@@ -1,8 +1,8 @@
 """Which stiff and extreme cables does a cold start find a certified, stable shape for, by which method, how well?
 
-    python scripts/stiff_and_extreme.py -o results/extreme --jobs 2
-    python scripts/stiff_and_extreme.py --quick
-    python scripts/stiff_and_extreme.py --seed 1 --case 17
+    python scripts/benchmarks/stiff_and_extreme.py -o results/extreme --jobs 2
+    python scripts/benchmarks/stiff_and_extreme.py --quick
+    python scripts/benchmarks/stiff_and_extreme.py --seed 1 --case 17
 
 Two parts. A grid sweeps each axis over its whole range about one ordinary cable (kz/kx, kx/ky, weight, end distance,
 turns, length, clamps) and two pairs of axes together, by every transcription and solver. Random cases draw from all
