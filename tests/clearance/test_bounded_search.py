@@ -9,9 +9,6 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from flap_file import FLAP
-from problem_files import written
-from scripts_of import script
 
 import harness_opt as ho
 from harness_opt.clearance import certify as through_motion
@@ -23,6 +20,9 @@ from harness_opt.model.bodies import Hinge
 from harness_opt.motion.between_frames import BetweenFrames
 from harness_opt.parts.scene import load_scene
 from harness_opt.report.summary import summary
+from oracles.flap import FLAP
+from oracles.problem_files import written
+from oracles.scripts import script
 
 MOST_MEMORY = 400e6  # bytes; it was more than ten times as much
 REASONS = {CROWDED, LONG, ROUGH}
@@ -108,7 +108,7 @@ def test_long_motions_are_gone_through_in_blocks(motion, monkeypatch):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no measure of it there")
 def test_memory_of_a_whole_run(tmp_path):
-    """A small scene of ``scripts/memory.py``, which tries 1,000 frames by 20 parts, and 10 cables."""
+    """A small scene of ``scripts/benchmarks/memory.py``, which tries 1,000 frames by 20 parts, and 10 cables."""
     memory = script("memory")
     row = memory.run(memory.Scene(frames=60, parts=4, cables=2), tmp_path)
     assert row["frames"] >= 60 and row["status"] in ("ok", "violated")

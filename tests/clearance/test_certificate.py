@@ -7,8 +7,6 @@ import dataclasses
 import numpy as np
 import pytest
 import trimesh
-from curve_examples import DIAMETER, LENGTH, helix, runs, shapes
-from scene_examples import MESHES, POSE, SHAPES, load_mesh, problem_with
 
 import harness_opt as ho
 from harness_opt.clearance.measure import measure
@@ -24,6 +22,8 @@ from harness_opt.model.results import Snap
 from harness_opt.motion.between_frames import BetweenFrames
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
+from oracles.curves import DIAMETER, LENGTH, helix, runs, shapes
+from oracles.scenes import MESHES, POSE, SHAPES, load_mesh, problem_with
 
 TOLERANCE = 0.01 * DIAMETER
 

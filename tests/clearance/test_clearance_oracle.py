@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from curve_examples import DIAMETER, LENGTH, helix, line, random_helices, runs, shapes
-from scene_examples import MESHES, POSE, SHAPES, problem_with
 
 from harness_opt.clearance.centreline import closest_on_segments, sag
 from harness_opt.clearance.measure import measure
@@ -18,6 +16,8 @@ from harness_opt.model.parts import Box, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
+from oracles.curves import DIAMETER, LENGTH, helix, line, random_helices, runs, shapes
+from oracles.scenes import MESHES, POSE, SHAPES, problem_with
 
 
 @pytest.mark.parametrize("kind", ["annulus", "icosphere", "inverted", *SHAPES])

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
 from harness_opt.cli import commands as cli
 from harness_opt.cli.commands import main
@@ -26,6 +25,7 @@ from harness_opt.motion import simulate as motion
 from harness_opt.report import words as tables
 from harness_opt.statics import mesh as refinement
 from harness_opt.statics import solve as solving
+from oracles.flap import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
 # --- check ---------------------------------------------------------------------------------------------
 

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from flap_file import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
 from harness_opt.cli import commands as cli
 from harness_opt.cli.commands import main
@@ -18,6 +17,7 @@ from harness_opt.cli.progress import progress_for
 from harness_opt.errors import HarnessError
 from harness_opt.files.read import read_problem
 from harness_opt.files.stored_results import read_results
+from oracles.flap import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
 # --- pictures and show ---------------------------------------------------------------------------------
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flap_file import FLAP, HIT, PLAIN, WALLED, put, stand_in, strict
 
 from harness_opt.clearance.witnesses import STOPPED
 from harness_opt.cli.commands import main
@@ -24,6 +23,8 @@ from harness_opt.model.results import Motion
 from harness_opt.motion import between_frames
 from harness_opt.motion import simulate as motion
 from harness_opt.report import summary as report
+from oracles.flap import FLAP, HIT, PLAIN, WALLED, put, stand_in, strict
+from oracles.problems import shipped
 
 Patch = pytest.MonkeyPatch
 Preparation = Callable[[Patch], list[str]]
@@ -318,9 +319,6 @@ def test_a_progress_may_stop_a_motion_from_python():
         if done == 3:
             raise KeyboardInterrupt
 
-    from harness_opt.files.read import read_problem
-
-    problems = Path(__file__).resolve().parent.parent / "problems"
-    found = motion.simulate(read_problem(problems / "lift_arm" / "lift_arm.toml"), progress=stop, throw=False)
+    found = motion.simulate(shipped("lift_arm"), progress=stop, throw=False)
     assert found.status is Status.INTERRUPTED and len(found.motion) == 3
     assert report.summary(found)["status"] == "unsolved"

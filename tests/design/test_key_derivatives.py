@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flap_file import put, strict
-from study_examples import STUDY, placed
 
 import harness_opt as ho
 from harness_opt.clearance.limits import limit_label
@@ -30,6 +28,8 @@ from harness_opt.parts.primitives import Primitive
 from harness_opt.parts.scene import load_scene
 from harness_opt.studies import ranking
 from harness_opt.studies.ranking import ranked, step_of, tightest, worst_margin
+from oracles.flap import put, strict
+from oracles.studies import STUDY, placed
 
 HANGING = """\
 schema = 1

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flap_file import HIT, PLAIN, WALLED, put, strict
 
 import harness_opt as ho
 from harness_opt.clearance.limits import all_limits
@@ -23,6 +22,7 @@ from harness_opt.design.result import Earlier
 from harness_opt.design.sqp import Step
 from harness_opt.model import design_variables
 from harness_opt.parts.scene import load_scene
+from oracles.flap import HIT, PLAIN, WALLED, put, strict
 
 CLOSE = 0.01  # of the objective: as near to the best of a dense search as a redesign has to come
 

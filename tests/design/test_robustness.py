@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flap_file import HIT, PLAIN, put, strict
 from scipy import stats
 
 import harness_opt as ho
@@ -21,6 +20,7 @@ from harness_opt.files.read import read_problem, write_problem
 from harness_opt.model.design import Robust
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.studies.yields import measured
+from oracles.flap import HIT, PLAIN, put, strict
 
 ROBUST = """
 [robust]
@@ -142,7 +142,7 @@ def test_simulated_samples_agree_with_linearised_margins(designs):
 
 
 def here():
-    from study_examples import Here
+    from oracles.studies import Here
 
     return Here()
 

@@ -1,6 +1,6 @@
 """Spoilt files of all kinds: every run ends with an exit code and words; as many as a test has time for.
 
-``scripts/fuzz.py`` makes the inputs and says what has to hold; it tries 20,000.
+``scripts/checks/fuzz.py`` makes the inputs and says what has to hold; it tries 20,000.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import pytest
 import tomlkit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scripts_of import script
+
+from oracles.scripts import script
 
 fuzz, fuzz_inputs = script("fuzz"), script("fuzz_inputs")
 INPUTS = 500
@@ -35,7 +36,7 @@ def test_spoilt_files_end_in_words(inputs, monkeypatch):
         with tempfile.TemporaryDirectory() as folder:
             command, file = inputs.make(number, Path(folder))
             outcome = fuzz.tried(command, file, Path(folder))
-        assert not outcome.wrong, f"python scripts/fuzz.py --seed {number} --inputs 1: {outcome.wrong}"
+        assert not outcome.wrong, f"python scripts/checks/fuzz.py --seed {number} --inputs 1: {outcome.wrong}"
         codes.add(outcome.code)
     assert {0, 2} <= codes  # neither all of them broken, nor none
 

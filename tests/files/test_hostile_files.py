@@ -16,8 +16,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from flap_file import FLAP, PLAIN, put
-from problem_files import HINGE, MESH, changed, mistakes, same, written
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
@@ -33,6 +31,8 @@ from harness_opt.model.parts import MeshFile
 from harness_opt.parts import mesh_headers as mesh_sizes
 from harness_opt.parts.mesh_file import read_mesh
 from harness_opt.parts.scene import load_scene
+from oracles.flap import FLAP, PLAIN, put
+from oracles.problem_files import HINGE, MESH, changed, mistakes, same, written
 
 OUTSIDE = "a file outside the problem's folder"
 links = pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")

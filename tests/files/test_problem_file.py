@@ -14,7 +14,6 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from problem_files import CONTRACT, HEADER, HINGE, MESH, MINIMAL, ROWS, changed, mistakes, poses_of, with_poses, written
 
 from harness_opt.files.read import read_problem, schema, write_problem
 from harness_opt.model.bodies import Hinge, Slide
@@ -23,6 +22,19 @@ from harness_opt.model.design import Limits, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
+from oracles.problem_files import (
+    CONTRACT,
+    HEADER,
+    HINGE,
+    MESH,
+    MINIMAL,
+    ROWS,
+    changed,
+    mistakes,
+    poses_of,
+    with_poses,
+    written,
+)
 
 # --- what is read --------------------------------------------------------------------------------------
 

@@ -10,10 +10,10 @@ import pytest
 import tomlkit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from problem_files import CONTRACT, HINGE, MESH, MINIMAL, START, changed, mistakes, written
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.read import read_problem
+from oracles.problem_files import CONTRACT, HINGE, MESH, MINIMAL, START, changed, mistakes, written
 
 NUMBERS = [
     ("length = 0.42 ", "length = -1", "cables.lead.length: found -1, expected a number above 0"),

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from problem_files import CONTRACT, HEADER, ROWS, changed, poses_of, same, with_poses, written
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.read import read_problem, write_problem
@@ -22,6 +21,7 @@ from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.design import Design, Limits, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, Part, Sphere
 from harness_opt.model.problem import Problem
+from oracles.problem_files import CONTRACT, HEADER, ROWS, changed, poses_of, same, with_poses, written
 
 
 def test_written_file_reads_back_from_another_folder(folder: Path) -> None:

@@ -12,16 +12,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from flap_file import FLAP, HIT, PLAIN, environment, put, stand_in
-from scripts_of import script
 
 from harness_opt.cli.commands import main
 from harness_opt.errors import ProblemError
 from harness_opt.files import result_folder, whole_folder
 from harness_opt.files.result_folder import replacing
 from harness_opt.files.stored_results import read_results
+from oracles.flap import FLAP, HIT, PLAIN, environment, put, stand_in
+from oracles.scripts import script
 
-KILLS = 3  # of each command; scripts/kill.py kills 50
+KILLS = 3  # of each command; scripts/checks/kill.py kills 50
 COMMANDS = ("simulate", "redesign")
 OURS = '{"command": "simulate", "versions": {"harness-opt": "0"}, "files": ["a.txt", "summary.json"]}'
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import harness_opt
+from oracles.problems import ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 HEAVY = {"casadi", "scipy", "trimesh", "coal", "pyvista", "vtkmodules"}
 ROOMS = sorted(room.name for room in pkgutil.iter_modules(harness_opt.__path__) if room.name != "__main__")
 # lint-imports can't be run by -m

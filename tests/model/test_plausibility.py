@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 import trimesh
-from flap_file import FLAP, PLAIN, put, strict
 
 from harness_opt.cli.commands import main
 from harness_opt.cli.template import write_template
@@ -18,8 +17,8 @@ from harness_opt.model.parts import Part, Sphere
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem
 from harness_opt.parts.scene import load_scene
-
-PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
+from oracles.flap import FLAP, PLAIN, put, strict
+from oracles.problems import PROBLEMS
 
 ODD = [
     ("length = 0.3\n", "length = 300\n", "cables.lead.length: found 300 m, longer than a ship"),

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import integrate
-from test_analytic import Elastica
 
 import harness_opt as ho
 from harness_opt.model.problem import left_out
 from harness_opt.numerics import rotations
+from oracles.elastica import Elastica
 
 ALONG_X = tuple(rotations.from_tangent((1, 0, 0)).tolist())
 TIPS_BELOW = 0.446  # end distance over length where the clamped elastica of kz/kx = 0.7 leaves its plane

@@ -7,7 +7,6 @@ import resource
 
 import numpy as np
 import pytest
-from test_problems import PROBLEMS
 
 import harness_opt as ho
 from harness_opt.motion import follower as following
@@ -17,6 +16,7 @@ from harness_opt.motion.common_mesh import common_mesh, moved_to, on_one_mesh
 from harness_opt.motion.frames import LAST, Frames, Stretches, at_a_time, by_mesh
 from harness_opt.motion.rows_on_disk import RowsOnDisk
 from harness_opt.statics.mesh import ELEMENTS
+from oracles.problems import PROBLEMS
 
 
 @pytest.fixture(autouse=True)

@@ -10,11 +10,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_analytic import ALONG_X
-from test_reference import G, cable, ends
 
 import harness_opt as ho
 from harness_opt.motion.follower import EDGE
+from oracles.elastica import ALONG_X
+from oracles.reference import G, cable, ends
 
 SPAN = 0.6  # of the arch, in lengths of the cable
 FROM, TO = 20.0, -100.0  # degrees that the lever turns through

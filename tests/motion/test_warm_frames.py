@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_reference import CASES, G, cable, ends, table
 
 import harness_opt as ho
 from harness_opt.motion.follower import Follower
@@ -14,6 +13,7 @@ from harness_opt.rod.boundary import case
 from harness_opt.rod.collocation import BoundCollocation
 from harness_opt.statics.continuation import follow
 from harness_opt.statics.solve import error_estimate, resample, solve_on
+from oracles.reference import CASES, G, cable, ends, table
 
 DOWN = np.array([0.0, 0.0, -G])
 

@@ -12,10 +12,6 @@ import casadi as ca
 import numpy as np
 import platformdirs
 import pytest
-from flap_file import FLAP, put
-from study_examples import Here
-from test_derivatives import KINDS, bound, named, setup
-from test_reference import G, cable, ends
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
@@ -24,6 +20,11 @@ from harness_opt.numerics import machine_code, rotations
 from harness_opt.rod.boundary import case
 from harness_opt.rod.collocation import collocation
 from harness_opt.rod.energy_chain import Chain
+from oracles.equations import KINDS, bound, named, setup
+from oracles.flap import FLAP, put
+from oracles.problems import PROBLEMS, shipped
+from oracles.reference import G, cable, ends
+from oracles.studies import Here
 
 DOWN = np.array([0.0, 0.0, -G])
 ROUNDING = 1e-13  # relative: the C library's functions may round another way than casadi's
@@ -110,7 +111,7 @@ def test_a_cold_start_comes_to_the_same_shape(machine, name):
 
 def test_a_motion_is_the_same(machine):
     def evaluate():
-        problem = ho.read_problem(Path(__file__).parent.parent / "problems" / "lift_arm" / "lift_arm.toml")
+        problem = shipped("lift_arm")
         return ho.simulate(problem).cables["lead"]
 
     plain, fast = both_ways(evaluate)
@@ -240,7 +241,7 @@ def test_commands_compile_where_asked(compiler, here, monkeypatch, command, aske
 
 
 def test_workers_of_a_study_compile_too(machine):
-    problem = Path(__file__).parent.parent / "problems" / "lift_arm" / "lift_arm.toml"
+    problem = PROBLEMS / "lift_arm" / "lift_arm.toml"
     plain, fast = both_ways(lambda: next(ho.study(problem, [{"cables.lead.length": 0.43}], executor=Here())))
     assert (fast.key, fast.status) == (plain.key, plain.status)
     assert fast.margins == pytest.approx(plain.margins, rel=1e-6)

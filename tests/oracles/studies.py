@@ -13,10 +13,9 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
-from flap_file import FLAP, environment
-
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.read import toml_tables
+from oracles.flap import FLAP, environment
 
 STUDY = """\
 schema = 1

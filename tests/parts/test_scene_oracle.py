@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from scene_examples import MESHES, POSE, SHAPES, load_mesh, problem_with
 
 from harness_opt.errors import ProblemError
 from harness_opt.model.parts import Box, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import Mesh, load_scene
+from oracles.scenes import MESHES, POSE, SHAPES, load_mesh, problem_with
+from oracles.scripts import script
 
 
 def _brute(geometry: Mesh, points):
@@ -138,9 +137,9 @@ def test_large_mesh_in_clusters(tmp_path, rng):
 def test_five_states_of_one_mesh(tmp_path, rng):
     """Closed, inside out, with flat faces, in millimetres: the same solid. Open: a shell, and only on request."""
     pytest.importorskip("manifold3d")
-    script = _script("make_meshes")
+    bracket = script("make_meshes")
     parts = {}
-    for name, mesh in script.variants().items():
+    for name, mesh in bracket.variants().items():
         mesh.export(tmp_path / f"{name}.ply")
         file = MeshFile(tmp_path / f"{name}.ply", "mm" if name == "millimetres" else "m", shell=name == "open")
         parts[name] = load_scene(problem_with(Part(file))).parts["part"]
@@ -156,15 +155,6 @@ def test_five_states_of_one_mesh(tmp_path, rng):
     shell = parts["open"]
     assert not shell.closed
     assert np.all(shell.signed_distance(points)[0] >= 0)
-
-
-def _script(name: str):
-    """The module that a script is."""
-    path = Path(__file__).resolve().parent.parent / "scripts" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_formats_give_the_same_part(tmp_path, rng):
@@ -334,8 +324,8 @@ def test_scene_is_light_without_meshes():
 
 
 def test_random_pairs_of_cables_and_meshes(rng):
-    """As many of the 10,000 pairs of ``scripts/clearance_oracle.py`` as a test has time for."""
-    oracle = _script("clearance_oracle")
+    """As many of the 10,000 pairs of ``scripts/benchmarks/clearance_oracle.py`` as a test has time for."""
+    oracle = script("clearance_oracle")
     for kind, row in oracle.compare(288, rng).items():
         assert row["pairs"] == 48
         assert row["wrong sides"] == row["not finite"] == 0, kind

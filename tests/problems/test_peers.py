@@ -8,7 +8,8 @@ import time
 
 import numpy as np
 import pytest
-from scripts_of import script
+
+from oracles.scripts import script
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # what the peers warn of is theirs
 

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import looked_through
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
 from harness_opt.numerics import rotations
+from oracles.browser import looked_through
+from oracles.problems import PROBLEMS
+from oracles.scripts import script
 
-ROOT = Path(__file__).resolve().parent.parent
-PROBLEM = ROOT / "problems" / "robot_wrist" / "robot_wrist.toml"
+PROBLEM = PROBLEMS / "robot_wrist" / "robot_wrist.toml"
 
 
-@pytest.fixture(scope="module")
-def script():
-    spec = importlib.util.spec_from_file_location("robot_wrist", ROOT / "scripts" / "robot_wrist.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture
+def wrist():
+    return script("robot_wrist")
 
 
 @pytest.fixture
@@ -32,9 +29,9 @@ def put(tmp_path):
     return tmp_path / PROBLEM.name
 
 
-def test_without_the_extra_it_is_left_out_with_a_message(script, put, monkeypatch, capsys):
-    monkeypatch.setattr(script.importlib.util, "find_spec", lambda name: None)
-    assert script.main(put.parent) == 0
+def test_without_the_extra_it_is_left_out_with_a_message(wrist, put, monkeypatch, capsys):
+    monkeypatch.setattr(wrist.importlib.util, "find_spec", lambda name: None)
+    assert wrist.main(put.parent) == 0
     assert 'pip install "harness-opt[robots]"' in capsys.readouterr().err
     assert [file.name for file in put.parent.iterdir()] == [put.name]
     # what is missing is named, each file by its key
@@ -45,8 +42,8 @@ def test_without_the_extra_it_is_left_out_with_a_message(script, put, monkeypatc
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("pinocchio"), reason="the extra robots is not installed")
-def test_two_cables_over_the_wrist_of_a_robot(script, put, capsys):
-    assert script.main(put.parent) == 0
+def test_two_cables_over_the_wrist_of_a_robot(wrist, put, capsys):
+    assert wrist.main(put.parent) == 0
     capsys.readouterr()
     problem = ho.read_problem(put)
     # between the rows of the tables too, the links are where the robot has them

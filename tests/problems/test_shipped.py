@@ -5,21 +5,16 @@ frames, another mesh, another cold start than those the redesign saw.
 """
 
 import dataclasses
-from pathlib import Path
 
 import pytest
 
 import harness_opt as ho
 from harness_opt.clearance.limits import all_limits, held
 from harness_opt.model.design_variables import apply
+from oracles.problems import shipped
 
-PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 ELEMENTS = 24  # three times those that the search uses, and half as many again as its own verification
 NAMES = ["lift_arm", "door", "drawer", "camera_pan"]
-
-
-def shipped(name: str) -> ho.Problem:
-    return ho.read_problem(PROBLEMS / name / f"{name}.toml")
 
 
 def rows(motion: ho.Motion):

@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 import pytest
-from scripts_of import script
-from test_problems import PROBLEMS
-from test_reference import CASES, SHAPE, G, table
 
 import harness_opt as ho
 from harness_opt.numerics import rotations
+from oracles.problems import PROBLEMS
+from oracles.reference import CASES, SHAPE, G, table
+from oracles.scripts import script
 
 TURNS = 1e-3  # to which twist and writhe have to add up
 FAR, NEAR = 0.98, 0.2  # distance of the ends at both ends of the motion, in lengths of the cable

@@ -8,12 +8,10 @@ import hashlib
 import json
 import re
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from browser import looked_through, opened
 
 import harness_opt as ho
 from harness_opt.clearance.measure import measure
@@ -26,8 +24,9 @@ from harness_opt.report import page_rows as report_words
 from harness_opt.report import scene_data as web_scene
 from harness_opt.report.summary import summary
 from harness_opt.report.words import UNITS
+from oracles.browser import looked_through, opened
+from oracles.problems import PROBLEMS
 
-PROBLEMS = Path(__file__).resolve().parent.parent / "problems"
 # files, and frames: few of the rig's, whose whole motion takes a minute
 RIG = tuple(np.linspace(0.2, 1.0, 9))
 SHIPPED = [("lift_arm", None), ("door", None), ("drawer", None), ("camera_pan", None)]

@@ -30,6 +30,7 @@ from harness_opt.report import words as tables
 from harness_opt.report.result_files import write_results
 from harness_opt.report.summary import summary, timed, verdict
 from harness_opt.statics import mesh as refinement
+from oracles.flap import environment
 
 # fmt: off
 FIELDS = {
@@ -299,7 +300,7 @@ def test_a_kill_leaves_the_earlier_result(motion, tmp_path):
         "motion = ho.simulate(ho.read_problem('flap.toml'))\n"
         "ho.write_results(motion, 'out', pictures=lambda *_: os.kill(os.getpid(), 9))\n"
     )
-    run = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=_environment(), check=False)
+    run = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment(), check=False)
     assert run.returncode == -signal.SIGKILL
     assert read_results(tmp_path / "out").summary == before
 
@@ -361,10 +362,6 @@ def test_a_partial_motion_is_written(tmp_path, monkeypatch):
 # --- what is not needed is not imported ----------------------------------------------------------------
 
 
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-
-
 def test_meshes_and_pictures_are_imported_only_when_needed(tmp_path):
     write_problem(flap(parts={}, limits=Limits(bend_radius=0.01)), tmp_path / "flap.toml")
     program = (
@@ -374,5 +371,5 @@ def test_meshes_and_pictures_are_imported_only_when_needed(tmp_path):
         "print(*sorted({'trimesh', 'coal', 'pyvista', 'vtkmodules'} & set(sys.modules)))\n"
     )
     command = [sys.executable, "-c", program]
-    run = subprocess.run(command, cwd=tmp_path, env=_environment(), check=True, capture_output=True, text=True)
+    run = subprocess.run(command, cwd=tmp_path, env=environment(), check=True, capture_output=True, text=True)
     assert run.stdout.strip() == ""

@@ -8,9 +8,6 @@ import itertools
 
 import numpy as np
 import pytest
-from test_analytic import ALONG_X, elastica_error, unit_cable
-from test_problems import PROBLEMS
-from test_reference import G, cable, ends, table
 
 import harness_opt as ho
 from harness_opt.numerics import paper_levenberg_marquardt as paper
@@ -19,6 +16,9 @@ from harness_opt.numerics.quadrature import differential_quadrature
 from harness_opt.rod import equations as rod
 from harness_opt.rod.boundary import case
 from harness_opt.rod.differential_quadrature import Dqm
+from oracles.elastica import ALONG_X, elastica_error, unit_cable
+from oracles.problems import PROBLEMS
+from oracles.reference import G, cable, ends, table
 
 
 def by_the_paper(points: int, **options: object) -> float:

@@ -1,7 +1,7 @@
 """Random stiff and extreme cables: each ends in a certified, stable shape, or in an honest refusal, never in between.
 
-They are those of ``scripts/stiff_and_extreme.py``. The check of a shape, ``scripts/extreme_check.py``, is written from
-the rod equations and sees nothing of the solvers.
+They are those of ``scripts/benchmarks/stiff_and_extreme.py``. The check of a shape, ``extreme_check.py`` beside it, is
+written from the rod equations and sees nothing of the solvers.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scripts_of import script
 
 import harness_opt as ho
+from oracles.scripts import script
 
 extreme, cases, check = script("stiff_and_extreme"), script("extreme_cases"), script("extreme_check")
 

@@ -14,8 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from flap_file import environment, run
-from study_examples import STUDY, placed, rows, started
+
+from oracles.flap import environment, run
+from oracles.studies import STUDY, placed, rows, started
 
 pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 
@@ -81,11 +82,10 @@ def test_the_same_table_on_a_cluster_that_loses_a_worker(here):
 
 def test_workers_elsewhere_are_sent_the_meshes(folder, monkeypatch):
     """The workers start after the mesh has gone from where the study found it, as on a machine of their own."""
-    from problem_files import CONTRACT
-
     from harness_opt.studies.cluster import cluster as connected
     from harness_opt.studies.study import plan
     from harness_opt.studies.variant import run_variant
+    from oracles.problem_files import CONTRACT
 
     (folder / "lift.toml").write_text(CONTRACT.replace("position = [0, 0.055, 0.12]", "position = [0, 0.2, 0.12]"))
     planned = plan(folder / "lift.toml", [{"motion.spatial_step": 0.1}])

@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flap_file import FLAP, HIT, run, strict
-from study_examples import STUDY, Here, alive, collected, fatal, fatal_once, gone, placed, rows, squared, started
 
 import harness_opt as ho
 from harness_opt.clearance.limits import all_limits
@@ -28,6 +26,8 @@ from harness_opt.studies.table import columns, csv_text, facts, write_tables
 from harness_opt.studies.variant import LOST, VariantResult, label, run_variant
 from harness_opt.studies.variations import Variations
 from harness_opt.studies.workers import Crew
+from oracles.flap import FLAP, HIT, run, strict
+from oracles.studies import STUDY, Here, alive, collected, fatal, fatal_once, gone, placed, rows, squared, started
 
 LENGTHS = [{"cables.lead.length": length} for length in (0.3, 0.29, 0.31)]
 
@@ -193,7 +193,7 @@ def test_what_a_result_depends_on_names_it(problem, here):
 
 
 def test_a_changed_mesh_is_another_problem(folder):
-    from problem_files import CONTRACT, written
+    from oracles.problem_files import CONTRACT, written
 
     file = written(folder, CONTRACT)
     before = plan(file, [LENGTHS[0] | {"cables.lead.length": 0.43}]).keys

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
-from flap_file import FLAP
 from scipy import stats
-from study_examples import STUDY, placed, quantities
 
 import harness_opt as ho
 from harness_opt.errors import ProblemError
@@ -23,8 +20,11 @@ from harness_opt.studies.shared_problem import Shared, Workbench
 from harness_opt.studies.study import plan
 from harness_opt.studies.study_file import read_study
 from harness_opt.studies.variations import Variations, expand
+from oracles.flap import FLAP
+from oracles.problems import PROBLEMS
+from oracles.studies import STUDY, placed, quantities
 
-LIFT_ARM = Path(__file__).resolve().parent.parent / "problems" / "lift_arm" / "lift_arm.toml"
+LIFT_ARM = PROBLEMS / "lift_arm" / "lift_arm.toml"
 
 
 def monte_carlo(**spreads: object) -> Variations:
@@ -235,9 +235,8 @@ def test_a_workbench_moves_meshes_as_a_problem_does(tmp_path):
 
 
 def test_a_worker_without_the_files_takes_those_that_were_sent(tmp_path, monkeypatch, folder):
-    from problem_files import CONTRACT, written
-
     from harness_opt.studies import shared_problem as workbench
+    from oracles.problem_files import CONTRACT, written
 
     monkeypatch.setattr(workbench.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     shared = plan(written(folder, CONTRACT), [{"cables.lead.length": 0.43}]).shared
