@@ -102,6 +102,11 @@ def changed(*pairs: tuple[str, str]) -> str:
     return text
 
 
+def naming(mesh: str) -> str:
+    """Return the example with another name of its mesh."""
+    return changed(("meshes/housing.stl", mesh))
+
+
 def same(a: Problem, b: Problem) -> bool:
     """Whether two problems are equal but for where they were read."""
     return dataclasses.replace(a, file=None, sha256=None) == dataclasses.replace(b, file=None, sha256=None)

@@ -31,6 +31,7 @@ seed = 3
 "parts.ball.position.y" = { deviation = 0.002 }
 """
 
+LENGTHS = [{"cables.lead.length": length} for length in (0.3, 0.29, 0.31)]
 
 # near enough for some variants to hold the limit and others not
 NEAR = FLAP.replace("position = [0.08, 0, 0]", "position = [0.08, 0, 0.085]")
