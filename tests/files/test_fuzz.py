@@ -29,6 +29,7 @@ def inputs(tmp_path_factory):
     return made
 
 
+@pytest.mark.slow
 def test_spoilt_files_end_in_words(inputs, monkeypatch):
     monkeypatch.setattr(fuzz, "TIME_LIMIT", "0.3")
     codes: set[int | None] = set()
@@ -85,6 +86,7 @@ def small(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(place=st.sampled_from(places(TABLES)), value=values, name=st.none() | st.text(max_size=8))
 def test_any_value_in_any_place(small, place, value, name):

@@ -144,6 +144,7 @@ def test_a_result_that_had_given_way_comes_back(tmp_path):
     assert hidden(tmp_path) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "kill") or sys.platform == "win32", reason="no SIGKILL there")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_killed_at_any_moment(tmp_path, command):

@@ -7,6 +7,7 @@ import importlib.util
 import pkgutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,8 @@ import pytest
 import harness_opt
 from oracles.problems import ROOT
 
+PACKAGE = ROOT / "harness_opt"
+MOST_FILES, MOST_LINES = 15, 400  # of a room, besides __init__.py; of a file
 HEAVY = {"casadi", "scipy", "trimesh", "coal", "pyvista", "vtkmodules"}
 ROOMS = sorted(room.name for room in pkgutil.iter_modules(harness_opt.__path__) if room.name != "__main__")
 # lint-imports can't be run by -m
@@ -50,6 +53,39 @@ def test_checker_is_content(package, arguments):
         pytest.skip(f"{package} (the extra 'test') is not installed")
     done = run(*arguments)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+# --- rooms ------------------------------------------------------------------------------------------------
+
+
+def test_every_room_has_a_place_in_the_contract_of_imports():
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    layers = [layer for rule in contract["contracts"] if rule["type"] == "layers" for layer in rule["layers"]]
+    named = {name.strip() for layer in layers for name in layer.split("|")}
+    folders = {file.parent.name for file in PACKAGE.glob("*/__init__.py")}
+    assert set(ROOMS) <= named
+    assert folders == set(ROOMS) - {file.stem for file in PACKAGE.glob("*.py")}
+
+
+@pytest.mark.parametrize("room", sorted(file.parent.name for file in PACKAGE.glob("*/__init__.py")))
+def test_a_room_has_few_files(room):
+    files = sorted(file.name for file in (PACKAGE / room).rglob("*.py") if file.name != "__init__.py")
+    assert len(files) <= MOST_FILES, files
+
+
+@pytest.mark.parametrize("folder", ["harness_opt", "tests"])
+def test_files_are_short(folder):
+    lines = {file: file.read_text(encoding="utf-8").count("\n") for file in sorted((ROOT / folder).rglob("*.py"))}
+    assert {str(file.relative_to(ROOT)): count for file, count in lines.items() if count > MOST_LINES} == {}
+
+
+def test_no_test_imports_from_another():
+    """What tests share is in ``tests/oracles``."""
+    for file in sorted((ROOT / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not [name for name in names if name.rpartition(".")[2].startswith("test_")], file
 
 
 # --- what is imported -----------------------------------------------------------------------------------

@@ -323,6 +323,7 @@ def test_scene_is_light_without_meshes():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_random_pairs_of_cables_and_meshes(rng):
     """As many of the 10,000 pairs of ``scripts/benchmarks/clearance_oracle.py`` as a test has time for."""
     oracle = script("clearance_oracle")

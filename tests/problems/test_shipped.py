@@ -5,6 +5,7 @@ frames, another mesh, another cold start than those the redesign saw.
 """
 
 import dataclasses
+import functools
 
 import pytest
 
@@ -15,6 +16,11 @@ from oracles.problems import shipped
 
 ELEMENTS = 24  # three times those that the search uses, and half as many again as its own verification
 NAMES = ["lift_arm", "door", "drawer", "camera_pan"]
+
+
+@functools.cache
+def redesigned(name: str) -> ho.Redesign:
+    return ho.redesign(shipped(name))
 
 
 def rows(motion: ho.Motion):
@@ -39,7 +45,7 @@ def test_as_drawn(name, violated):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_redesigned(name, tmp_path):
-    design = ho.redesign(shipped(name))
+    design = redesigned(name)
     assert design.ok and design.active
     file = tmp_path / "better.toml"
     ho.write_problem(design.problem, file)
@@ -52,7 +58,7 @@ def test_redesigned(name, tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_least_change(name):
     # the design stops where a limit does: halfway back to the original some limit is violated
-    design = ho.redesign(shipped(name))
+    design = redesigned(name)
     before, after = ([getattr(v, end) for v in design.variables.values()] for end in ("before", "after"))
     half = apply(design.original, [0.5 * (b + a) for b, a in zip(before, after, strict=True)])
     assert not held(rows(ho.simulate(half)))

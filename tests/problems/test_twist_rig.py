@@ -103,6 +103,7 @@ def test_tabulated_shape():
         assert min(np.max(np.linalg.norm(shape - expected, axis=1)) for shape in found) < close
 
 
+@pytest.mark.slow
 def test_half_a_turn_becomes_a_loop():
     motion = ho.simulate(rig("twist_rig"), frames=at(*np.linspace(FAR, NEAR, 27)))
     assert_shown_shapes_are_sound(motion, 0.5)
@@ -110,6 +111,7 @@ def test_half_a_turn_becomes_a_loop():
     assert first > 0.4 and abs(last) < 0.05 and wrapped > 0.45  # of half a turn: twist costs 18 times what bending does
 
 
+@pytest.mark.slow
 def test_loops_that_slide_along_the_taut_cable_stay_sound():
     # turned by 320 degrees at 0.98 L: the twist goes into small loops that slide along valleys all but level, each
     # shape on a mesh of its own; three turnings apart it is in other places

@@ -157,6 +157,7 @@ def test_a_report_of_a_hundred_frames_is_small_and_soon_written(tmp_path):
     assert (tmp_path / name).stat().st_size < MOST_SIZE / 10
 
 
+@pytest.mark.slow
 def test_long_motions_and_large_meshes_are_thinned_and_it_is_said(motion, tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=7, radius=0.02)  # 327,680 triangles
     ball.export(tmp_path / "ball.stl")

@@ -33,16 +33,19 @@ def rows():
     return list(extreme.run(jobs, JOBS, LIMIT, compare=False))
 
 
+@pytest.mark.slow
 def test_each_is_certified_or_refused_and_none_is_called_what_it_is_not(rows):
     assert len({row.case.name for row in rows}) == COUNT
     wrong = [(row.case.name, row.outcome, row.complaints) for row in rows if row.outcome not in HONEST]
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_few_are_refused(rows):
     assert np.mean([row.outcome != "stable" for row in rows]) <= REFUSED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", LONG + COILING + CURLED)
 def test_cables_with_long_elements_or_that_coil_or_curl_up_have_a_shape(number):
     row = extreme.solve(cases.numbered_case(cases.SEED, number), *extreme.METHODS[0], compare=False)

@@ -40,6 +40,7 @@ def test_the_command(alone):
     assert table.count(b"\n") == 9
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments_and_started_again(here, alone):
     file = placed(here)
     moments = random.Random(11)
