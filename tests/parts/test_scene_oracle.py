@@ -315,9 +315,11 @@ def test_open_mesh_is_told(tmp_path):
 
 def test_scene_is_light_without_meshes():
     code = (
-        "import sys, harness_opt.parts.scene as s, harness_opt.clearance.measure, harness_opt.model.problem as p;"
-        "c = p.CableRun(p.Cable(1, .01, 1, 1), p.End(position=(0,0,0)), p.End());"
-        "s.load_scene(p.Problem({'c': c}, parts={'b': p.Part(p.Sphere(1.0))}));"
+        "import sys, harness_opt.clearance.measure; from harness_opt.model.cable import Cable, CableRun, End;"
+        "from harness_opt.model.parts import Part, Sphere; from harness_opt.model.problem import Problem;"
+        "from harness_opt.parts.scene import load_scene;"
+        "c = CableRun(Cable(1, .01, 1, 1), End(position=(0,0,0)), End());"
+        "load_scene(Problem({'c': c}, parts={'b': Part(Sphere(1.0))}));"
         "assert not {'coal', 'trimesh', 'casadi'} & set(sys.modules), sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

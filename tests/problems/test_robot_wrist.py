@@ -48,7 +48,7 @@ def test_two_cables_over_the_wrist_of_a_robot(wrist, put, capsys):
     problem = ho.read_problem(put)
     # between the rows of the tables too, the links are where the robot has them
     share = np.linspace(0.0, 1.0, 173)
-    for link, poses in script.link_poses(script.joints(share)).items():
+    for link, poses in wrist.link_poses(wrist.joints(share)).items():
         position, quaternion = problem.poses(link.removesuffix("_link"), share)
         np.testing.assert_allclose(position, poses[:, :3], atol=1e-5)
         # the spline of the rotations has its own idea of the very ends

@@ -87,7 +87,7 @@ def test_the_page_says_what_the_summary_says(motion):
     content, page = summary(motion), page_of(motion)
     assert "All limits hold" in page and "A flap" in page
     for row in content["limits"]:
-        unit, scale = UNITS[row["name"]]
+        unit, scale = UNITS[row["name"]][:2]
         assert f"{row['worst'] * scale:.2f} {unit}" in page
     for words in ("spatial_step", "Largest twist", "Stability margin", "rainflow", "stable equilibrium", "Left out"):
         assert words in page
