@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.clearance.centreline import Curve, cubic_error
+from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.certify_cable import CableSearch
 from harness_opt.clearance.certify_part import PartSearch, Seen
 from harness_opt.clearance.moving_centreline import MovingCurve
@@ -37,7 +37,7 @@ from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
 from harness_opt.model.limits import Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.results import CableMotion, Motion, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.geometry import Geometry
@@ -173,7 +173,7 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
         cable=name,
         curve=Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion)),
         radius=cable.radius,
-        error=cubic_error(shapes),
+        error=float(cubic_errors(shapes).max()),
         tolerance=0.01 * cable.diameter if options.tolerance is None else options.tolerance,
         reach=cable.diameter if options.reach is None else options.reach,
         strict=options.tolerance is not None,

@@ -197,9 +197,10 @@ def key_scale(quantity: Quantity, problem: Problem) -> float:
 
 def _shape_rates(problem: Problem, name: str, swept: Sweep, frames: Array, sides: Sequence[_Sides]) -> ShapeRates:
     """Return the rates of the shapes of a cable at its stations of fixed s / L by every key."""
-    columns = [_column(name, swept, frames, side) for side in sides]
-    empty = cable_motion(swept)
-    shape = (*empty.position.shape, 0)
+    shapes = cable_motion(swept)
+    shares = shapes.s / shapes.s[-1]
+    columns = [_column(name, swept, frames, side, shares) for side in sides]
+    shape = (*shapes.position.shape, 0)
 
     def stacked(field: str) -> Array:
         return np.stack([getattr(column, field) for column in columns], axis=-1) if columns else np.zeros(shape)
@@ -221,8 +222,8 @@ class _Column:
     moment: Array
 
 
-def _column(name: str, swept: Sweep, frames: Array, side: _Sides) -> _Column:
-    """Return the rates of the shapes of a cable by one key."""
+def _column(name: str, swept: Sweep, frames: Array, side: _Sides, shares: Array) -> _Column:
+    """Return the rates of the shapes of a cable by one key, at stations at ``shares`` (N,) of its length."""
     bound = [_bound(problem, name, swept, frames) for problem in (side.more, side.less)]
     shapes: list[CableMotion] = []
     changes = []
@@ -237,7 +238,7 @@ def _column(name: str, swept: Sweep, frames: Array, side: _Sides) -> _Column:
         units = scale(problem.cables[name].cable)[1]
         last = np.array([frame.rod.r[-1] for frame in moved])
         origins = start_positions(problem.ends(name, frames), last, units)
-        shapes.append(cable_motion(dataclasses.replace(swept, frames=moved, origins=origins, units=units)))
+        shapes.append(cable_motion(dataclasses.replace(swept, frames=moved, origins=origins, units=units), shares))
     more, less = shapes
     return _Column(
         *(

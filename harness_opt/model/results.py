@@ -9,12 +9,16 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from harness_opt.errors import Status
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices
 
-STATIONS = 101  # equally spaced along the cable
+STATIONS = 101  # equally spaced along the cable; more where a shape turns sharply
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,28 @@ class Quantities:
     force: Array
     moment: Array
 
+    def at_frames(self, which: Indices) -> Quantities:
+        """Return the shapes numbered ``which`` (k,)."""
+        kept = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(Quantities) if f.name != "s"}
+        return Quantities(s=self.s, **kept)
+
+
+def cubic_errors(shapes: Quantities) -> Array:
+    """Return the largest errors (N - 1,), m, of Hermite cubics through positions and tangents between stations.
+
+    They stand at the middles of the intervals, and are estimated there against the quintics through positions,
+    tangents and second derivatives ``r'' = R (omega x e3)``, which the curvatures give.
+    """
+    h = np.diff(shapes.s)[:, None]
+    tangent = rotations.tangent(shapes.quaternion)
+    across = np.stack([shapes.curvature[..., 1], -shapes.curvature[..., 0], np.zeros(shapes.curvature.shape[:-1])], -1)
+    second = rotations.rotate(shapes.quaternion, across)
+    difference = h / 32 * (tangent[..., :-1, :] - tangent[..., 1:, :])
+    difference += h**2 / 64 * (second[..., :-1, :] + second[..., 1:, :])
+    size = np.linalg.norm(difference, axis=-1)
+    found: Array = size.reshape(-1, size.shape[-1]).max(axis=0, initial=0.0)
+    return found
+
 
 @dataclass(frozen=True)
 class CableMotion(Quantities):
@@ -46,16 +72,18 @@ class CableMotion(Quantities):
         stability_margin: (P,), lowest eigenvalue of the second variation, dimensionless; below 0 is unstable.
         residual: (P,), largest scaled residual of each frame.
         estimated_error: (P,), of the shape, in lengths of the cable.
+        mesh: nodes of the elements that all frames were solved on, 0 to 1 along the cable, (n + 1,).
     """
 
     stable: Array
     stability_margin: Array
     residual: Array
     estimated_error: Array
+    mesh: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 9))
 
     def frames(self, which: slice) -> CableMotion:
         """Return the frames that ``which`` names alone."""
-        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name != "s"}
+        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("s", "mesh")}
         return dataclasses.replace(self, **cut)
 
 

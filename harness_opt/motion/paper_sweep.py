@@ -12,7 +12,7 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.model.cable import CableRun
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Followed
+from harness_opt.model.results import STATIONS, CableMotion, Followed
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
@@ -74,7 +74,7 @@ def sweep_by_quadrature(
         return Followed(None, (), status, message)
     origins = start_positions(ends, np.array([frame.rod.r[-1] for frame in frames]), units)
     shapes = CableMotion(
-        **vars(sampled((frame.rod for frame in frames), origins, units)),
+        **vars(sampled([frame.rod for frame in frames], origins, units, np.linspace(0.0, 1.0, STATIONS))),
         stable=np.array([bool(one.stable) for one in judged]),
         stability_margin=np.array([float(one.margin) for one in judged]),
         residual=np.array([frame.residual for frame in frames]),
