@@ -18,7 +18,7 @@ from harness_opt.cli.template import write_template
 from harness_opt.numerics import rotations
 
 matplotlib.use("svg")
-from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib import pyplot as plt
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 INK, CABLE, FIRST, LAST = "#222222", "#c2410c", "#94a3b8", "#cbd5e1"
@@ -94,7 +94,7 @@ def scene(problem: ho.Problem) -> Any:
     axes.annotate("", shape[middle + 6, [0, 2]], shape[middle, [0, 2]], arrowprops={**ARROW, "color": INK})
     axes.annotate("arc length s grows\nfrom start to end", shape[middle, [0, 2]], (-75, 180), ha="left", color=INK)
     for at, to, words, place in (
-        ((0, 50), (0, 88), 'start\nbody = "world"\nposition = [0, 0, 0.05]\ntangent = [0, 0, 1]', (-150, 58)),
+        ((0, 50), (0, 88), 'start\nbody = "world"\nposition = [0, 0, 0.05]\ntangent = [0, 0, 1]', (-160, 58)),
         ((180, 50), (180, 12), 'end\nbody = "lid"\nposition = [0.18, 0, 0.05]\ntangent = [0, 0, -1]', (197, 66)),
     ):
         axes.annotate("", to, at, arrowprops={**ARROW, "color": BLUE})
@@ -108,7 +108,7 @@ def scene(problem: ho.Problem) -> Any:
     axes.text(-105, 28, "z", ha="center")
     axes.text(-66, -10, "x", va="center")
     axes.text(-105, -22, "y points into the page", ha="left", va="top", fontsize=8)
-    bare(axes, (-155, 400), (-35, 225))
+    bare(axes, (-165, 400), (-35, 225))
     return figure
 
 

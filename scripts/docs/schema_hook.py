@@ -15,7 +15,16 @@ from typing import Any
 MARKER = re.compile(r"<!-- generated: ([a-z ]+) -->\n(?:.*?<!-- end of generated -->)?", re.DOTALL)
 # a unit as descriptions name it, the longest first
 UNIT = re.compile(r"(?<![\w/'])(N m2|N m|kg/m3|kg/m|degrees/m|m/s2|1/m|degrees|percent|N|m|s)(?![\w/])")
-TYPES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false"}
+UNIT_OF_END = {"_deg_per_m": "deg/m", "_deg": "deg", "_percent": "%"}
+TYPES = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "array": "list",
+    "object": "table",
+    "null": "null",
+}
 SETS = {"cables", "bodies", "parts"}  # tables whose entries the user names
 
 Schema = dict[str, Any]
@@ -92,8 +101,8 @@ def rows(schema: Schema, table: Schema) -> Iterator[str]:
         return
     yield "| key | type | unit | default | meaning |"
     yield "|---|---|---|---|---|"
-    for name, entry in properties.items():
-        entry = resolved(schema, entry)
+    for name, given in properties.items():
+        entry = resolved(schema, given)
         default = "**required**" if name in required else shown(entry.get("default"))
         unit = unit_of(name, entry)
         yield f"| `{name}` | {escaped(kind(schema, entry))} | {unit} | {default} | {escaped(meaning(entry))} |"
@@ -134,43 +143,34 @@ def resolved(schema: Schema, entry: Schema) -> Schema:
 def kind(schema: Schema, entry: Schema) -> str:
     """Return the type of a value in words."""
     entry = resolved(schema, entry)
-    if "const" in entry:
-        return f"`{json.dumps(entry['const'])}`"
-    if "enum" in entry:
-        return " or ".join(f"`{json.dumps(value)}`" for value in entry["enum"])
     choices = entry.get("anyOf") or entry.get("oneOf")
-    if choices and not entry.get("properties"):
+    if "const" in entry or "enum" in entry:
+        words = " or ".join(f"`{json.dumps(value)}`" for value in entry.get("enum", [entry.get("const")]))
+    elif choices and not entry.get("properties"):
         kinds = dict.fromkeys(kind(schema, choice) for choice in choices)
-        return " or ".join(one for one in kinds if one != "null")
-    if entry.get("type") == "array":
-        items = entry.get("prefixItems")
-        if items:
-            return f"list of {len(items)} {TYPES.get(items[0].get('type'), 'value')}s"
-        return "list"
-    if entry.get("type") == "object" or entry.get("properties"):
-        return "table"
-    if entry.get("type") == "null":
-        return "null"
-    return TYPES.get(entry.get("type", ""), "any")
+        words = " or ".join(one for one in kinds if one != "null")
+    elif "prefixItems" in entry:
+        items = entry["prefixItems"]
+        words = f"list of {len(items)} {TYPES.get(items[0].get('type'), 'value')}s"
+    else:
+        words = TYPES.get(entry.get("type", "object" if entry.get("properties") else ""), "any")
+    return words
 
 
 def unit_of(name: str, entry: Schema) -> str:
     """Return the unit of a value, as its key or its description names it."""
     if "unit" in entry:
         return escaped(str(entry["unit"]))
-    if name.endswith("_deg_per_m"):
-        return "deg/m"
-    if name.endswith("_deg"):
-        return "deg"
-    if name.endswith("_percent"):
-        return "%"
-    numbers = json.dumps(entry)
-    if '"number"' not in numbers or entry.get("properties") or "additionalProperties" in entry:
+    named = [unit for end, unit in UNIT_OF_END.items() if name.endswith(end)]
+    if named:
+        return named[0]
+    if '"number"' not in json.dumps(entry) or entry.get("properties") or "additionalProperties" in entry:
         return ""
-    if "key's unit" in entry.get("description", ""):
-        return "the key's"
-    found = UNIT.search(entry.get("description", ""))
-    return "" if found is None else found[1].replace("degrees", "deg").replace("percent", "%")
+    words = entry.get("description", "")
+    found = UNIT.search(words)
+    if found is None or "key's unit" in words:
+        return "the key's" if found is None and "key's unit" in words else ""
+    return found[1].replace("degrees", "deg").replace("percent", "%")
 
 
 def meaning(entry: Schema) -> str:
@@ -188,7 +188,7 @@ def meaning(entry: Schema) -> str:
 
 def shown(value: Any) -> str:
     """Return a default as the file would have it."""
-    if value is None or value == "" or value == {} or value == []:
+    if value is None or value in ("", {}, []):
         return "none"
     return f"`{json.dumps(value)}`"
 
