@@ -12,7 +12,9 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-MARKER = re.compile(r"<!-- generated: ([a-z ]+) -->\n(?:.*?<!-- end of generated -->)?", re.DOTALL)
+MARKER = re.compile(
+    r"<!-- generated: (problem file|study file|results) -->\n(?:.*?<!-- end of generated -->)?", re.DOTALL
+)
 # a unit as descriptions name it, the longest first
 UNIT = re.compile(r"(?<![\w/'])(N m2|N m|kg/m3|kg/m|degrees/m|m/s2|1/m|degrees|percent|N|m|s)(?![\w/])")
 UNIT_OF_END = {"_deg_per_m": "deg/m", "_deg": "deg", "_percent": "%"}
@@ -30,7 +32,7 @@ SETS = {"cables", "bodies", "parts"}  # tables whose entries the user names
 Schema = dict[str, Any]
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
+def on_page_markdown(markdown: str, /, **_: Any) -> str:
     """Put the tables where the page asks for them."""
     return MARKER.sub(_generated, markdown)
 
@@ -44,11 +46,9 @@ def _generated(found: re.Match[str]) -> str:
         from harness_opt.studies.study_file import StudyTable
 
         return "\n".join(sections(StudyTable.model_json_schema(by_alias=True)))
-    if found[1] == "results":
-        results = _results_schema()
-        # what the page has between the markers, where the program has no schema of its results
-        return found[0] if results is None else "\n".join(sections(results))
-    raise ValueError(f"nothing is generated for {found[1]!r}")
+    results = _results_schema()
+    # what the page has between the markers, where the program has no schema of its results
+    return found[0] if results is None else "\n".join(sections(results))
 
 
 def _results_schema() -> Schema | None:

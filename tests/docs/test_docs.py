@@ -48,7 +48,7 @@ def test_every_block_runs(page, tmp_path):
 
 @pytest.mark.slow
 def test_site_builds_and_loads_nothing_from_elsewhere(tmp_path):
-    for package in ("mkdocs", "material", "mkdocstrings", "mkdocs_click", "latex2mathml"):
+    for package in ("mkdocs", "material", "mkdocstrings", "math_core"):
         if not importlib.util.find_spec(package):
             pytest.skip(f"{package} (the extra 'docs') is not installed")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
