@@ -1,6 +1,6 @@
 """A hook of MkDocs: what is done to a page once it is HTML.
 
-Formulas become MathML, so that pages need no script and no font. Roles of docstrings (``:func:``) go, and leave the name.
+Formulas become MathML, so that pages need no script and no font. Roles of docstrings (``:func:``) leave the name alone.
 """
 
 from __future__ import annotations

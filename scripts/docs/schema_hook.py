@@ -68,8 +68,9 @@ def sections(schema: Schema) -> Iterator[str]:
     _gather(schema, schema, "", found)
     for places, table in found.values():
         yield f"\n### {' and '.join(heading(place) for place in places)}\n"
-        if table.get("description"):
-            yield f"{escaped(table['description'])}\n"
+        # of a table in two places what it is itself, not what it is in the first of them
+        told = schema.get("$defs", {}).get(table.get("title"), table).get("description", "")
+        yield f"{escaped(told)}\n"
         yield from rows(schema, table)
 
 
