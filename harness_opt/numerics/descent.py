@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.numerics.interface import Array, Expansion, Landscape
+from harness_opt.numerics.interface import Expansion, Landscape
 from harness_opt.numerics.linear import symmetric
+from harness_opt.numerics.rotations import Array
 
 FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13

@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import STATIONARY_STEP, Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import STATIONARY_STEP, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import CONDITION_LIMIT, TAUT_LIMIT, Factor, factorise
+from harness_opt.numerics.rotations import Array
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:

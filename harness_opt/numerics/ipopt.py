@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import QUIET, Array, Equations, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import QUIET, Equations, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.rotations import Array
 
 
 @functools.lru_cache(maxsize=16)

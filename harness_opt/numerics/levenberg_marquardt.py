@@ -11,8 +11,9 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import STATIONARY_STEP, Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import STATIONARY_STEP, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import damped_step
+from harness_opt.numerics.rotations import Array
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:

@@ -20,8 +20,9 @@ import numpy as np
 import scipy.sparse.linalg as spla
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import LIGHT, bordered_matrix, null_vectors
+from harness_opt.numerics.rotations import Array
 
 STEPS, FEW = 120, 6  # along the near-null curve: as far as it goes, or nearby
 ENERGY_NOISE = 1e-10  # relative: a change of the energy that the solver may have made by what it leaves

@@ -15,8 +15,9 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import damped_step
+from harness_opt.numerics.rotations import Array
 
 LARGEST_SCALE = 0.03  # of D; measured: from 3e-4 to 0.03 the systems on 31 to 61 points end within 20 steps
 

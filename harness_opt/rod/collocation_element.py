@@ -62,7 +62,7 @@ class Element:
 
 
 @functools.lru_cache(maxsize=8)
-def element_functions(stages: int, loaded: bool, machine: bool) -> Element:
+def functions(stages: int, loaded: bool, machine: bool) -> Element:
     """Return the functions of an element of any mesh, as machine code where ``machine``."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
@@ -72,7 +72,7 @@ def element_functions(stages: int, loaded: bool, machine: bool) -> Element:
 
 
 @functools.lru_cache(maxsize=8)
-def element_rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
+def rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
     """Return the derivatives of an element's equations by rest curvature and load, which few ask for."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()

@@ -132,10 +132,7 @@ def equilibrium(  # noqa: PLR0913
     if guess is not None:
         posed = posed.signed_like(guess.rod.q[0], guess.rod.q[-1]) if guess.ok else posed
     sought = _Sought(cable, (start, end), posed, direction, guess, stations)
-    if transcription == "dqm":
-        shape = _by_quadrature(sought, options)
-    else:
-        shape = _by_collocation(sought, tolerance, solver)
+    shape = _by_quadrature(sought, options) if transcription == "dqm" else _by_collocation(sought, tolerance, solver)
     if throw and not shape.ok:
         raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
     return shape
