@@ -181,8 +181,7 @@ def refine_curls(minimum: EnergyMinimum, finer: int) -> EnergyMinimum | None:
         minimum: on the chain.
         finer: elements for one of it.
     """
-    # of them, that bring curls to the last digit; relative, of the energy: what is gained there
-    most_rounds, least_gain = 8, 1e-11
+    most_rounds, least_gain = 8, 1e-11  # rounds; relative gain of energy that is worth one
     chain, q, multipliers = minimum.chain, minimum.q, minimum.multipliers
     if not has_curls(chain, q):
         return None

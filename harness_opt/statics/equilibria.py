@@ -89,8 +89,7 @@ def _same(a: Shape, b: Shape) -> bool:
     A family is one shape turned about an axis: energy and twist are those of all its members, but not of their mirror
     images.
     """
-    # stability margin up to which a shape may be of a neutral family, in the largest load on the cable
-    neutral_margin = 1e-3
+    neutral_margin = 1e-3  # stability margin of a neutral family at most, in the largest load on the cable
     same_twist = 1e-3  # rad over the cable
     same_energy = 1e-6  # relative: neutral shapes of one energy are one family
     length = float(a.s[-1])

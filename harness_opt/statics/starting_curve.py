@@ -190,8 +190,7 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
         turns: whole turns added to the smallest twist, at most half a turn, that joins the ends.
         bow: direction to which the curve is bowed where its length leaves the choice; None takes the curve's own plane.
     """
-    # of the length, and of the slack: what a sharp bend is spread over, the lesser
-    eased_length, eased_slack = 0.1, 0.3
+    eased_length, eased_slack = 0.1, 0.3  # of the length, of the slack: the lesser is what a bend is spread over
     wish = np.zeros(3) if bow is None else np.asarray(bow, dtype=float)
     gap, t0, t1 = _chord_and_tangents(boundary, wish)
     s = np.linspace(0.0, 1.0, nodes)
