@@ -64,7 +64,7 @@ class Tolerance:
 
     @classmethod
     def between(cls, lower: float, upper: float) -> Tolerance:
-        """Return a uniform distribution from ``lower`` to ``upper``."""
+        """Return a uniform distribution from ``lower`` to ``upper``; raises ProblemError unless ``lower`` is less."""
         if not lower < upper:
             raise ProblemError(f"from, to: found {lower!r} and {upper!r}, expected the first below the second")
         return cls(0.5 * (upper - lower), nominal=0.5 * (lower + upper))

@@ -17,7 +17,7 @@ from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.frames import Frames, batch
-from harness_opt.motion.sweep import TOLERANCE, accurate, start_positions
+from harness_opt.motion.sweep import MOTION_TOLERANCE, accurate, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.numerics.vectors import Indices
@@ -25,7 +25,7 @@ from harness_opt.rod import equations as rod_module
 from harness_opt.rod.boundary import Kind
 from harness_opt.rod.stability import stability, surely_stable
 from harness_opt.rod.states import Rod
-from harness_opt.statics.continuation import NEAR, STEP_ITERATIONS, turning
+from harness_opt.statics.continuation import MOST_TURNING, STEP_ITERATIONS, turning
 from harness_opt.statics.mesh import ELEMENTS
 from harness_opt.statics.solve import Solved, resample, solve_on
 
@@ -40,7 +40,7 @@ class BetweenFrames:
         tolerance: of the centreline, in lengths of the cable.
     """
 
-    def __init__(self, motion: Motion, tolerance: float = TOLERANCE):
+    def __init__(self, motion: Motion, tolerance: float = MOTION_TOLERANCE):
         self._motion, self._tolerance = motion, tolerance
         self._meshes: dict[str, Array] = {}
 
@@ -91,7 +91,7 @@ class BetweenFrames:
             guess = unknowns[k] + part * (unknowns[k + 1] - unknowns[k])
             solved = solve_on(posed, mesh, guess, SOLVER, STEP_ITERATIONS)
             near = solved.ok and not solved.turned
-            near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= NEAR
+            near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= MOST_TURNING
             solves.append(solved if near else None)
         return solves
 

@@ -214,7 +214,7 @@ class CableFollower:
         return Stretches(MOST_HELD // len(self.problem.cables))
 
     def failure(self, frame: int, reason: str) -> str:
-        """Return the sentence for the user."""
+        """Return the sentence for the user: at which ``frame`` it ended, and the ``reason``."""
         return (
             f"cable {self.name}, frame {frame} of {len(self.motion)} (motion {self.motion[frame]:.4f}): {reason}; "
             "try a smaller motion.spatial_step, more length, or another bow or number of turns"

@@ -16,7 +16,11 @@ from harness_opt.errors import Status
 from harness_opt.numerics.linear import Factor
 from harness_opt.numerics.rotations import Array
 
-QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}  # keeps IPOPT off stdout
+SILENT_IPOPT: dict[str, Any] = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+}  # keeps IPOPT off stdout
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,7 @@ class Collocation:
         return Buffered(ca.Function("residual", [x, p], [element.assembled(x, p, table, kind)]))
 
     def bind(self, section: Section, load: Array, boundary: Boundary, mesh: Array) -> BoundCollocation:
-        """Return the equations of one cable between two ends on ``mesh`` (n + 1,)."""
+        """Return the equations of a dimensionless cable under ``load`` (3,) between two ends on ``mesh`` (n + 1,)."""
         return BoundCollocation(self, section, np.asarray(load, dtype=float), boundary, mesh)
 
 
@@ -97,7 +97,7 @@ _built = functools.lru_cache(maxsize=32)(Collocation)
 
 
 def collocation(elements: int, stages: int, loaded: bool) -> Collocation:
-    """Return the transcription, built once per process for each kind."""
+    """Return the transcription, built once per process; arguments as of :class:`Collocation`."""
     return _built(elements, stages, loaded, wanted())
 
 

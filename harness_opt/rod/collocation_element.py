@@ -73,7 +73,7 @@ def functions(stages: int, loaded: bool, machine: bool) -> Element:
 
 @functools.lru_cache(maxsize=8)
 def rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
-    """Return the derivatives of an element's equations by rest curvature and load, which few ask for."""
+    """Return an element's derivatives by rest curvature and load, which few ask for; as :func:`functions`."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
     by_parameters = ca.jacobian(element(z, *parameters), ca.vertcat(*parameters[3:]))

@@ -226,7 +226,10 @@ def loose(boundary: Boundary) -> Boundary:
 
 
 def curve(case: Case, boundary: Boundary, turns: int, bow: Array | None) -> tuple[Case, Array, Array]:
-    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these."""
+    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these.
+
+    ``turns`` and ``bow`` are as in :func:`starting_curve`.
+    """
     curve_points = 241  # places at which a starting curve is sampled
     _, q = starting_curve(boundary, curve_points, turns, bow)
     return dataclasses.replace(case, boundary=signed(boundary, q)), np.linspace(0.0, 1.0, curve_points), q
