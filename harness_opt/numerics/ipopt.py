@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import SILENT_IPOPT, Equations, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import Equations, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.rotations import Array
 
 
@@ -36,7 +36,9 @@ def _program(equations: Equations, iterations: int, tolerance: float) -> ca.Func
     )
     nlp = {"x": both, "p": parameters, "f": 0.5 * ca.sumsqr(slack), "g": residual - slack}
     settings: dict[str, Any] = {
-        **SILENT_IPOPT,
+        "print_time": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",  # keeps IPOPT off stdout
         "hess_lag": hessian,
         "ipopt.max_iter": iterations,
         "ipopt.tol": final_share * tolerance,
