@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.whole_folder import PART, clear_away, flush, held, put, write_whole
+from harness_opt.files.whole_folder import PART, clear_away, flush, locked, put, write_whole
 
 SUMMARY = "summary.json"
 ASIDE = "-interrupted"  # added to the name of a folder that holds a whole result, for a part of another
@@ -107,7 +107,7 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         clear_away(target)
         shutil.rmtree(aside, ignore_errors=True)
         aside.mkdir()
-        with held(aside):
+        with locked(aside):
             yield aside
             keep_foreign(target, aside)
             flush(aside)

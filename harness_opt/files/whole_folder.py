@@ -19,7 +19,7 @@ AT_FDCWD = -100  # names are taken as they stand, not from an open folder (Linux
 
 
 @contextlib.contextmanager
-def held(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Hold a lock on ``folder``, which ends with this process at the latest."""
     if os.name == "nt":  # Windows opens no folders
         yield

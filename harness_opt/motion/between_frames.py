@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Quantities
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.frames import Frames, batch
-from harness_opt.motion.sweep import TOLERANCE, accurate, start_positions
+from harness_opt.motion.sweep import MOTION_TOLERANCE, accurate, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.numerics.vectors import Indices
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Kind, case
+from harness_opt.rod.boundary import Kind
 from harness_opt.rod.stability import stability, surely_stable
 from harness_opt.rod.states import Rod
-from harness_opt.statics.continuation import NEAR, STEP_ITERATIONS, turning
+from harness_opt.statics.continuation import MOST_TURNING, STEP_ITERATIONS, turning
 from harness_opt.statics.solve import Solved, resample, solve_on
 
 SOLVER = "gauss-newton"
@@ -42,7 +43,7 @@ class BetweenFrames:
         tolerance: of the centreline, in lengths of the cable.
     """
 
-    def __init__(self, motion: Motion, tolerance: float = TOLERANCE):
+    def __init__(self, motion: Motion, tolerance: float = MOTION_TOLERANCE):
         self._motion, self._tolerance = motion, tolerance
         self._meshes = {name: shapes.mesh for name, shapes in motion.cables.items()}
 
@@ -84,17 +85,17 @@ class BetweenFrames:
     ) -> list[Solved | None]:
         """Solve at the shares (k,) of the ways from frames (k,) to the next; None where that leads elsewhere."""
         problem, shapes = self._motion.problem, self._motion.cables[cable]
-        run, gravity = problem.cables[cable], np.asarray(problem.gravity)
+        cases = CableCases(problem, cable, SOLVER)
         used = np.union1d(before, before + 1)
         rods, mesh = _rods(problem, cable, shapes, used), self._meshes[cable]
         unknowns = resample(rods, mesh)
         solves: list[Solved | None] = []
         for pair, k, part in zip(ends, np.searchsorted(used, before), share, strict=True):
-            posed = case(run.cable, *pair, gravity).signed_like(rods.q[k, 0], rods.q[k, -1])
+            posed = cases.posed(pair, None).signed_like(rods.q[k, 0], rods.q[k, -1])
             guess = unknowns[k] + part * (unknowns[k + 1] - unknowns[k])
             solved = solve_on(posed, mesh, guess, SOLVER, STEP_ITERATIONS)
             near = solved.ok and not solved.turned
-            near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= NEAR
+            near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= MOST_TURNING
             solves.append(solved if near else None)
         return solves
 

@@ -9,6 +9,7 @@ import numpy as np
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.rod.boundary import Case, case
+from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.continuation import follow
 from harness_opt.statics.solve import Solved
 
@@ -36,6 +37,11 @@ class CableCases:
     def path(self, near: Case) -> Callable[[float], Case]:
         """Return the cases by motion value (0 to 1), signed like ``near``."""
         return lambda at: self.posed(self.problem.ends(self.name, [at])[0], near)
+
+    def cold_start(self, posed: Case) -> Solved | None:
+        """Return a shape for a case of this cable, found from its ends alone; None where nothing worked."""
+        bow = None if self.run.bow is None else np.asarray(self.run.bow)
+        return cold_start(posed, self.run.end.turns, bow, self.solver)
 
     def follow(self, start: Solved, first: float, last: float, smallest: float | None = None) -> tuple[Solved, float]:
         """Continue ``start`` from motion value ``first`` towards ``last``, as far as it goes.

@@ -19,7 +19,6 @@ from harness_opt.motion.snaps import recover
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.stability import doubt, doubtful, stability, surely_stable
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.continuation import step
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
 from harness_opt.statics.release import is_stable
@@ -113,8 +112,7 @@ class CableFollower:
             warm = step(posed, dataclasses.replace(guess, case=posed), None, 0.0, self.solver)
             if warm is not None:
                 return warm
-        bow = None if self.cases.run.bow is None else np.asarray(self.cases.run.bow)
-        return cold_start(self.cases.posed(self.ends[0], None), self.cases.run.end.turns, bow, self.solver)
+        return self.cases.cold_start(self.cases.posed(self.ends[0], None))
 
     def _refined(self, first: Solved | None) -> Solved | None:
         """Return the first shape resolved, on as many elements as were asked for; None where there is none."""
@@ -216,7 +214,7 @@ class CableFollower:
         return Stretches(MOST_HELD // len(self.problem.cables))
 
     def failure(self, frame: int, reason: str) -> str:
-        """Return the sentence for the user."""
+        """Return the sentence for the user: at which ``frame`` it ended, and the ``reason``."""
         return (
             f"cable {self.name}, frame {frame} of {len(self.motion)} (motion {self.motion[frame]:.4f}): {reason}; "
             "try a smaller motion.spatial_step, more length, or another bow or number of turns"

@@ -266,8 +266,7 @@ def _numbers(name: str, value: object, shape: tuple[int, ...], point: str) -> tu
 
 def _improper(rotation: Array, point: str) -> str:
     """Return which of the matrices (M, 3, 3) is the first that is no rotation, and why, or an empty text."""
-    # most that the entries of A^T A may differ from the identity's: matrices typed in full, or computed
-    orthonormal = 1e-9
+    orthonormal = 1e-9  # most that A^T A may differ from the identity: matrices typed in full, or computed
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.max(np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)), axis=(1, 2))
         bad = np.flatnonzero(~((off <= orthonormal) & (np.linalg.det(rotation) > 0)))

@@ -10,17 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.cable import CableRun
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.paper_pose import START_SOLVER, Quadrature, QuadratureSolve, solve_by_quadrature
 
 
@@ -43,9 +41,11 @@ def sweep_by_quadrature(
         first: the shape to begin the first frame at; None leaves it to a cold start.
         progress: called with the cable's name, frames done, frames in all.
     """
-    cable, units = problem.cables[name].cable, rod_module.scale(problem.cables[name].cable)[1]
-    ends, gravity = problem.ends(name, motion), np.asarray(problem.gravity)
-    before = first or _first_shape(problem.cables[name], case(cable, *ends[0], gravity))
+    cases, units = CableCases(problem, name, START_SOLVER), rod_module.scale(problem.cables[name].cable)[1]
+    ends, before = problem.ends(name, motion), first
+    if before is None:
+        solved = cases.cold_start(cases.posed(ends[0], None))
+        before = solved.rod if solved is not None and solved.ok else None
     frames: list[QuadratureSolve] = []
     judged: list[Stability] = []
     status, message = Status.OK, ""
@@ -54,7 +54,7 @@ def sweep_by_quadrature(
     try:
         while status.ok and before is not None and len(frames) < len(motion):
             k = len(frames)
-            posed = case(cable, *ends[k], gravity).signed_like(before.q[0], before.q[-1])
+            posed = cases.posed(ends[k], None).signed_like(before.q[0], before.q[-1])
             answer = solve_by_quadrature(posed, before, options)
             if not answer.status.ok:
                 status = answer.status
@@ -81,10 +81,3 @@ def sweep_by_quadrature(
         estimated_error=np.array([frame.error for frame in frames]),
     )
     return Followed(shapes, (), status, message)
-
-
-def _first_shape(run: CableRun, posed: Case) -> Rod | None:
-    """Return the shape of a cold start; None where there is none."""
-    bow = None if run.bow is None else np.asarray(run.bow)
-    solved = cold_start(posed, run.end.turns, bow, START_SOLVER)
-    return solved.rod if solved is not None and solved.ok else None

@@ -29,7 +29,7 @@ from harness_opt.statics.solve import Solved, resample, solve_on
 
 Rigour = Literal["full", "stable", "quick look"]
 
-TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
+MOTION_TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def sweep(
     name: str,
     motion: Array,
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MOTION_TOLERANCE,
     solver: str = "gauss-newton",
     elements: int | None = None,
     first: Rod | None = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from harness_opt.errors import Status
 from harness_opt.numerics.linear import Factor
 from harness_opt.numerics.rotations import Array
-
-QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}  # keeps IPOPT off stdout
 
 
 @dataclass(frozen=True, eq=False)

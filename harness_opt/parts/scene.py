@@ -1,7 +1,7 @@
 """Parts to stay clear of: what a problem describes, as geometry that answers distances of points.
 
-A primitive is a closed form (``part_geometry.py``), a mesh is read by trimesh (``mesh_file.py``) and asked
-through coal (``mesh_geometry.py``); both packages are imported when the first mesh is loaded.
+A primitive is a closed form (``primitives.py``), a mesh is read by trimesh (``mesh_file.py``) and asked
+through coal (``mesh.py``); both packages are imported when the first mesh is loaded.
 """
 
 from __future__ import annotations

@@ -25,18 +25,9 @@ from harness_opt.numerics.interface import Equations, LeastSquares
 from harness_opt.numerics.machine_code import Buffered, wanted
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
+from harness_opt.rod import collocation_element as element
 from harness_opt.rod.boundary import Boundary, Kind
-from harness_opt.rod.collocation_element import (
-    CLOSURE,
-    FORCE,
-    NODE,
-    PARAMETERS,
-    Symbols,
-    assembled,
-    element_functions,
-    element_rates,
-    split,
-)
+from harness_opt.rod.collocation_element import CLOSURE, FORCE, NODE, PARAMETERS, Symbols
 from harness_opt.rod.equations import Section
 from harness_opt.rod.states import Rod
 
@@ -57,7 +48,7 @@ class Collocation:
 
     def __init__(self, elements: int, stages: int, loaded: bool, machine: bool):
         self.elements, self.stages, self.loaded, self._machine = elements, stages, loaded, machine
-        functions = element_functions(stages, loaded, machine)
+        functions = element.functions(stages, loaded, machine)
         self.element_pattern = functions.jacobian.sparsity_out(0)
         block = NODE + 4 * stages
         self.size = block * elements + NODE + FORCE
@@ -70,7 +61,7 @@ class Collocation:
 
     def side_by_side(self, function: ca.Function, x: Symbols, p: Symbols) -> Symbols:
         """Return a function of one element for all of them, column by column, at unknowns and parameters of all."""
-        steps, starts, stiffness, rest, load = split(p, self.elements)[:5]
+        steps, starts, stiffness, rest, load = element.split(p, self.elements)[:5]
         z = ca.reshape(x[self.gather.T.ravel().tolist()], *self.gather.shape)
         shared = [3, 4, 5]  # stiffness, rest curvature and load are one for all elements
         every = function.map("every", "serial", self.elements, shared, [])
@@ -83,7 +74,7 @@ class Collocation:
     @functools.cached_property
     def parameter_rates(self) -> tuple[Buffered, ca.Sparsity]:
         """The elements' derivatives by rest curvature and load, one after the other, and their pattern in each."""
-        function = element_rates(self.stages, self.loaded, self._machine)
+        function = element.rates(self.stages, self.loaded, self._machine)
         return self._of_all(function), function.sparsity_out(0)
 
     def residual(self, kind: Kind) -> Buffered:
@@ -94,11 +85,11 @@ class Collocation:
 
     def _residual(self, kind: Kind) -> Buffered:
         x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parameters)
-        table = self.side_by_side(element_functions(self.stages, self.loaded, self._machine).equations, x, p)
-        return Buffered(ca.Function("residual", [x, p], [assembled(x, p, table, kind)]))
+        table = self.side_by_side(element.functions(self.stages, self.loaded, self._machine).equations, x, p)
+        return Buffered(ca.Function("residual", [x, p], [element.assembled(x, p, table, kind)]))
 
     def bind(self, section: Section, load: Array, boundary: Boundary, mesh: Array) -> BoundCollocation:
-        """Return the equations of one cable between two ends on ``mesh`` (n + 1,)."""
+        """Return the equations of a dimensionless cable under ``load`` (3,) between two ends on ``mesh`` (n + 1,)."""
         return BoundCollocation(self, section, np.asarray(load, dtype=float), boundary, mesh)
 
 
@@ -106,7 +97,7 @@ _built = functools.lru_cache(maxsize=32)(Collocation)
 
 
 def collocation(elements: int, stages: int, loaded: bool) -> Collocation:
-    """Return the transcription, built once per process for each kind."""
+    """Return the transcription, built once per process; arguments as of :class:`Collocation`."""
     return _built(elements, stages, loaded, wanted())
 
 
@@ -159,8 +150,8 @@ def _equations(elements: int, stages: int, loaded: bool, kind: Kind) -> Equation
     """Return R(x, p) in scalar symbols; p as in :func:`split`."""
     t = _built(elements, stages, loaded, False)  # symbols don't go through machine code
     x, p = ca.SX.sym("x", t.size), ca.SX.sym("p", t.parameters)
-    table = t.side_by_side(element_functions(stages, loaded, False).equations, x, p)
-    return Equations(x, p, assembled(x, p, table, kind))
+    table = t.side_by_side(element.functions(stages, loaded, False).equations, x, p)
+    return Equations(x, p, element.assembled(x, p, table, kind))
 
 
 def stations(mesh: Array, stages: int) -> Array:

@@ -62,7 +62,7 @@ class Element:
 
 
 @functools.lru_cache(maxsize=8)
-def element_functions(stages: int, loaded: bool, machine: bool) -> Element:
+def functions(stages: int, loaded: bool, machine: bool) -> Element:
     """Return the functions of an element of any mesh, as machine code where ``machine``."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
@@ -72,8 +72,8 @@ def element_functions(stages: int, loaded: bool, machine: bool) -> Element:
 
 
 @functools.lru_cache(maxsize=8)
-def element_rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
-    """Return the derivatives of an element's equations by rest curvature and load, which few ask for."""
+def rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
+    """Return an element's derivatives by rest curvature and load, which few ask for; as :func:`functions`."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
     by_parameters = ca.jacobian(element(z, *parameters), ca.vertcat(*parameters[3:]))

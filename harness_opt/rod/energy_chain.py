@@ -311,8 +311,7 @@ class Chain:
 
     def too_coarse(self, q: Array) -> bool:
         """Return whether an element is turned further than its polynomials can follow."""
-        # rad that neighbouring nodes, and those of an element, may be turned to each other
-        most_turn_next, most_turn_element = 1.0, 2.5
+        most_turn_next, most_turn_element = 1.0, 2.5  # rad, between neighbouring nodes, and between those of an element
         nodes = q[self._pattern.nodes]
         neighbours = np.sum(nodes[:, 1:] * nodes[:, :-1], axis=-1)
         ends = np.sum(nodes[:, 1:] * nodes[:, :1], axis=-1)

@@ -175,7 +175,7 @@ def doubt(error: Array | float) -> Array:
 
 
 def doubtful(rod: Rod, found: Stability, error: Array | float) -> NDArray[np.bool_]:
-    """Return whether margins are so near zero that errors (...) of the shapes may have given them their sign, (...)."""
+    """Return whether the margins ``found`` of ``rod`` may owe their sign to errors (...) of the shapes, in L, (...)."""
     return np.asarray(~(np.abs(found.margin) > doubt(error) * _scale(rod)))
 
 

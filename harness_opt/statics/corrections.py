@@ -16,8 +16,7 @@ def solve_along_near_null(solved: Solved) -> Solved:
 
     Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
     """
-    # part of the residual that following the near-null curve is to leave, and how often
-    part_left, most_repeats = 0.3, 12
+    part_left, most_repeats = 0.3, 12  # part of the residual that each is to leave, and their number
     if solved.factor.condition < CONDITION_LIMIT:
         return solved
     problem, best = solved.bound.least_squares(), solved.solution
@@ -46,8 +45,7 @@ def correct_to_rounding(solved: Solved) -> Solved:
 
 def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
     """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
-    # part of the residual that a last correction is to leave, and how many there are
-    most_left, most_corrections = 0.5, 4
+    most_left, most_corrections = 0.5, 4  # part of the residual that each is to leave, and their number
     for _ in range(most_corrections):
         x = best.x - factor.solve(bound.residual(best.x))
         left = largest(bound.residual(x))

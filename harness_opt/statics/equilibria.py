@@ -16,7 +16,7 @@ from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.boundary import case
 from harness_opt.statics.cold_start import from_curve
-from harness_opt.statics.equilibrium import TOLERANCE, Shape, refined_shape
+from harness_opt.statics.equilibrium import SHAPE_TOLERANCE, Shape, refined_shape
 from harness_opt.statics.release import stabilised
 
 BOWS = 8  # directions about the chord to which starting curves bow
@@ -35,7 +35,7 @@ def equilibria(
     bows: int = BOWS,
     turns: Iterable[int] = EXTRA_TURNS,
     solver: str = "gauss-newton",
-    tolerance: float = TOLERANCE,
+    tolerance: float = SHAPE_TOLERANCE,
     stations: int = STATIONS,
 ) -> tuple[Shape, ...]:
     """Return the distinct stable shapes found between two ends in world coordinates, that of least energy first.
@@ -89,8 +89,7 @@ def _same(a: Shape, b: Shape) -> bool:
     A family is one shape turned about an axis: energy and twist are those of all its members, but not of their mirror
     images.
     """
-    # stability margin up to which a shape may be of a neutral family, in the largest load on the cable
-    neutral_margin = 1e-3
+    neutral_margin = 1e-3  # stability margin of a neutral family at most, in the largest load on the cable
     same_twist = 1e-3  # rad over the cable
     same_energy = 1e-6  # relative: neutral shapes of one energy are one family
     length = float(a.s[-1])

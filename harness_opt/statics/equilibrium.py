@@ -26,7 +26,7 @@ from harness_opt.statics.mesh import LAST_RESORT, refine
 from harness_opt.statics.paper_pose import START_SOLVER, Quadrature, solve_by_quadrature
 from harness_opt.statics.solve import Solved, resample, solve_on
 
-TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
+SHAPE_TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def equilibrium(  # noqa: PLR0913
     points: int | None = None,
     closure: bool = False,
     solver: str = "gauss-newton",
-    tolerance: float = TOLERANCE,
+    tolerance: float = SHAPE_TOLERANCE,
     stations: int = STATIONS,
     bow: ArrayLike | None = None,
     guess: Shape | None = None,
@@ -132,8 +132,7 @@ def equilibrium(  # noqa: PLR0913
     if guess is not None:
         posed = posed.signed_like(guess.rod.q[0], guess.rod.q[-1]) if guess.ok else posed
     sought = _Sought(cable, (start, end), posed, direction, guess, stations)
-    dqm = transcription == "dqm"
-    shape = _by_quadrature(sought, options) if dqm else _by_collocation(sought, tolerance, solver)
+    shape = _by_quadrature(sought, options) if transcription == "dqm" else _by_collocation(sought, tolerance, solver)
     if throw and not shape.ok:
         raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
     return shape
@@ -171,7 +170,7 @@ def _by_collocation(sought: _Sought, tolerance: float, solver: str) -> Shape:
 def refined_shape(
     cable: Cable, ends: tuple[End, End], solved: Solved, tolerance: float, solver: str, stations: int
 ) -> Shape:
-    """Refine the mesh of a solved case to ``tolerance`` and return the shape between ``ends``, start and end."""
+    """Refine the mesh of a solved case to ``tolerance``; return its shape; arguments as of :func:`equilibrium`."""
     solved, error, status = refine(solved, tolerance, solver, LAST_RESORT[-1])
     outcome = _Outcome(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
     return _shape(cable, *ends, solved.case.boundary.kind, outcome, stations)

@@ -72,8 +72,7 @@ def elements_for(elements: int, error: float, local: Array) -> int:
         elements: that it has.
         error, local: what :func:`error_estimate` returns.
     """
-    # largest local error, in L, of a mesh not to blame for an estimated error: a near-null direction is
-    least_local = 1e-9
+    least_local = 1e-9  # largest local error, in L, of a mesh not to blame: a near-null direction is
     first_refinement = 128  # elements up to which it is refined for the first
     if error <= COARSE or np.max(local) <= least_local:
         return 0

@@ -120,12 +120,10 @@ def solve_on(
         near: solve of a like case nearby, whose factorised Jacobian may serve.
         residual: largest entry of the scaled equations that counts as solved.
     """
-    # relative: of a force along an element, which should not turn it, a few units in the last place do
-    force_rounding = 1e-15
+    force_rounding = 1e-15  # relative, of a force along an element, which should not turn it: a few last digits
     nearly_solved = 1e3  # times the residual asked for: left by what has come to that curve, and not strayed
     most_on_curve = 1e-2  # residual of the scaled equations that is left on the near-null curve at most
-    # part of the residual asked for, that counts as solved along a near-null direction: the rest goes far
-    sharp_share = 1e-3
+    sharp_share = 1e-3  # of the residual asked for: along a near-null direction what is left goes far
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
     # rounding grows with the loads that the moment equations carry, and turns long soft elements
     scale = _load_scale(case.load, x[-3:])

@@ -190,8 +190,7 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
         turns: whole turns added to the smallest twist, at most half a turn, that joins the ends.
         bow: direction to which the curve is bowed where its length leaves the choice; None takes the curve's own plane.
     """
-    # of the length, and of the slack: what a sharp bend is spread over, the lesser
-    eased_length, eased_slack = 0.1, 0.3
+    eased_length, eased_slack = 0.1, 0.3  # of the length, of the slack: the lesser is what a bend is spread over
     wish = np.zeros(3) if bow is None else np.asarray(bow, dtype=float)
     gap, t0, t1 = _chord_and_tangents(boundary, wish)
     s = np.linspace(0.0, 1.0, nodes)
@@ -227,7 +226,10 @@ def loose(boundary: Boundary) -> Boundary:
 
 
 def curve(case: Case, boundary: Boundary, turns: int, bow: Array | None) -> tuple[Case, Array, Array]:
-    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these."""
+    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these.
+
+    ``turns`` and ``bow`` are as in :func:`starting_curve`.
+    """
     curve_points = 241  # places at which a starting curve is sampled
     _, q = starting_curve(boundary, curve_points, turns, bow)
     return dataclasses.replace(case, boundary=signed(boundary, q)), np.linspace(0.0, 1.0, curve_points), q
