@@ -19,6 +19,7 @@ from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model.design import Robust
 from harness_opt.model.problem import Problem
 from harness_opt.motion.follower import Progress
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 
 ROUNDS = 5  # allowances change little with the design, so two or three do
@@ -27,6 +28,7 @@ WASTE = 0.15  # of an allowance: more than that on top of what a design needs is
 NEAR = 4.0 * GUARD  # a margin that near to what it is asked for stands in the way
 
 
+@one_at_a_time
 def redesign(
     problem: Problem,
     *,

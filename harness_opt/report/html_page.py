@@ -23,6 +23,7 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.results import Motion
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.report import charts
 from harness_opt.report import colours as colour_keys
@@ -276,6 +277,7 @@ def write_page(report: Report, summary: Mapping[str, Any], folder: Path) -> str:
     return FILE
 
 
+@one_at_a_time
 def write_report(result: Motion | Redesign, file: str | Path) -> Path:
     """Write the report of a result as one HTML file that needs no network, and return its path.
 

@@ -15,6 +15,7 @@ from harness_opt.files.read import write_problem
 from harness_opt.files.result_folder import SUMMARY, replacing
 from harness_opt.model.problem import input_files
 from harness_opt.model.results import Motion
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.report.summary import Json, _asked, as_json, summary, timed
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
 Page = Callable[[Json, Path], str]  # writes a report of a summary into a folder
 
 
+@one_at_a_time
 def write_results(
     result: Motion | Redesign,
     folder: str | Path,
