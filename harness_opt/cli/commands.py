@@ -9,17 +9,15 @@ import contextlib
 import dataclasses
 import functools
 import math
-import os
-import re
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from harness_opt.cli.interrupts import Abandoned
-from harness_opt.cli.run import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
+from harness_opt.cli.ending import BAD_INPUT, DEBUG, code_of
+from harness_opt.cli.run import Voice, Wanted, naming, remedied, run
+from harness_opt.cli.streams import lasting, say, tell, warn
 from harness_opt.errors import CompilerError, HarnessError, ProblemError
 
 if TYPE_CHECKING:
@@ -31,7 +29,6 @@ if TYPE_CHECKING:
 SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
 TRANSCRIPTIONS = ("collocation", "dqm")
 EXPORTS = ("paraview", "csv", "gltf", "stl")
-CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")  # all but tab and new line
 MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
 EXPORT_FOLDER = "export"  # in a result folder
 
@@ -42,66 +39,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: the arguments, without the program's name; None takes those of the process.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a name that the terminal's encoding lacks must not end a run
-            stream.reconfigure(errors="replace")
-    try:
-        code = commands.main(args=argv, prog_name="harness-opt", standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
-        return BAD_INPUT
-    except ProblemError as error:
-        _tell(*error.mistakes)
-        return BAD_INPUT
-    except CompilerError as error:  # one that worked when it was tried out
-        _tell(f"harness-opt: {error}; leave --compile out to do without")
-        return BAD_INPUT
-    except OSError as error:  # such as a full disk behind stdout
-        _tell(f"harness-opt: {error.filename or 'output'}: {error.strerror or error}")
-        return BAD_INPUT
-    except (click.Abort, KeyboardInterrupt, Abandoned):
-        _tell("Interrupted.")
-        return INTERRUPTED
-    return code or 0
+    state: dict[str, bool] = {}  # set by --debug, wherever it stands
+
+    def command() -> int | None:
+        code: int | None = commands.main(args=argv, prog_name="harness-opt", standalone_mode=False, obj=state)
+        return code
+
+    with lasting():
+        return code_of(command, lambda: DEBUG in state)
 
 
-def _say(text: str) -> None:
-    """Print on stdout; a reader that has gone away (``harness-opt schema | head``) is no mistake."""
-    try:
-        click.echo(_coloured(text), color=_colour())
-    except BrokenPipeError:
-        # what is still buffered would fail again when Python ends; docs.python.org/3/library/signal.html
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _colour() -> bool | None:
-    """Return False where no colours are wanted (no-color.org), None to leave it to whether this is a terminal."""
-    return False if os.environ.get("NO_COLOR") else None
-
-
-def _coloured(text: str) -> str:
-    """Return the words of a table's last column in colours, which whatever is no terminal loses again.
-
-    What a file holds may not steer the terminal: control characters in it, and those that turn the direction of
-    writing, become question marks.
-    """
-    text = CONTROLS.sub("?", text)
-    text = re.sub(r" OK$", lambda found: click.style(found[0], fg="green"), text, flags=re.MULTILINE)
-    return re.sub(r" VIOLATED$", lambda found: click.style(found[0], fg="red", bold=True), text, flags=re.MULTILINE)
-
-
-def _warn(text: str) -> None:
-    """Print on stderr from a signal handler, where Python's own streams may be in use."""
-    os.write(2, text.encode())
-
-
-def _tell(*lines: str) -> None:
-    """Print on stderr."""
-    for line in lines:
-        click.echo(_coloured(line), err=True, color=_colour())
-
-
-VOICE = Voice(_say, _tell, _warn)
+VOICE = Voice(say, tell, warn)
 
 
 # --- options -------------------------------------------------------------------------------------------
@@ -168,7 +116,7 @@ def _compiling(command: Callable[..., int]) -> Callable[..., int]:
                 try:
                     stack.enter_context(compiled())
                 except CompilerError as error:
-                    _tell(f"--compile: {error}; going on without: the results are the same")
+                    tell(f"--compile: {error}; going on without: the results are the same")
             return command(*arguments, **options)
 
     return compiling
@@ -179,14 +127,29 @@ def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> 
     if wanted:
         from harness_opt.report.summary import versions
 
-        _say(f"harness-opt {versions()['harness-opt']}")
+        say(f"harness-opt {versions()['harness-opt']}")
         context.exit()
 
 
 _CODES = (
     "Exit codes: 0 all limits hold, 1 a limit is violated or no design holds them, 2 bad input, "
-    "3 a shape could not be found, 130 interrupted."
+    "3 a shape could not be found, 70 a fault of the program, 130 interrupted."
 )
+
+
+def _debug(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    """Remember that a traceback is wanted, if something unforeseen happens."""
+    if wanted and context.obj is not None:
+        context.obj[DEBUG] = True
+
+
+def _debugging(command: click.Command) -> None:
+    """Give a command the option that every one has."""
+    option = click.Option(
+        [DEBUG], is_flag=True, is_eager=True, expose_value=False, callback=_debug,
+        help="A traceback where the program itself fails.",
+    )  # fmt: skip
+    command.params.append(option)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, epilog=_CODES)
@@ -224,12 +187,12 @@ def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     with naming(file):
         content = facts(problem, load_scene(problem))
     if not as_json:
-        _say(description(problem, content))
+        say(description(problem, content))
         return 0
     from harness_opt.report import summary as report
 
     head = {"schema": report.SCHEMA, "command": "check", "problem": report.problem_words(problem)}
-    _say(report.as_json(head | {"versions": report.versions(), "status": "ok"} | content))
+    say(report.as_json(head | {"versions": report.versions(), "status": "ok"} | content))
     return 0
 
 
@@ -386,7 +349,7 @@ def show(folder: Path, folders: tuple[Path, ...]) -> int:
 
         pictures.show(folder, folders)
     except Exception as error:  # no pyvista, no display, no OpenGL: as many errors as there are computers
-        _tell(f"No window can be shown: {remedied(error)}")
+        tell(f"No window can be shown: {remedied(error)}")
         return BAD_INPUT
     return 0
 
@@ -418,11 +381,11 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: t
     try:
         for kind in kinds:
             for line in export(folder, kind, target or folder / EXPORT_FOLDER, folders):
-                _say(line)
+                say(line)
     except HarnessError as error:
         if isinstance(error, ProblemError):
             raise
-        _tell(f"Nothing exported to {kind}: {remedied(error)}")
+        tell(f"Nothing exported to {kind}: {remedied(error)}")
         return BAD_INPUT
     if target is None:
         add_file(folder, EXPORT_FOLDER)
@@ -441,7 +404,7 @@ def new(name: Path) -> int:
     from harness_opt.cli.template import write_template
 
     file = write_template(name)
-    _say(f"{file}\nNext: harness-opt check {file}, then harness-opt simulate {file}")
+    say(f"{file}\nNext: harness-opt check {file}, then harness-opt simulate {file}")
     return 0
 
 
@@ -459,7 +422,7 @@ def completion(shell: str) -> int:
     complete = get_completion_class(shell)
     if complete is None:
         raise click.UsageError(f"found no completion for {shell}")
-    _say(complete(commands, {}, "harness-opt", "_HARNESS_OPT_COMPLETE").source())
+    say(complete(commands, {}, "harness-opt", "_HARNESS_OPT_COMPLETE").source())
     return 0
 
 
@@ -474,5 +437,9 @@ def schema() -> int:
 
     from harness_opt.files.read import schema
 
-    _say(json.dumps(schema(), indent=2))
+    say(json.dumps(schema(), indent=2))
     return 0
+
+
+for _command in (commands, *commands.commands.values()):
+    _debugging(_command)

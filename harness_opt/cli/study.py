@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from harness_opt.cli.ending import INTERRUPTED, UNSOLVED
 from harness_opt.cli.interrupts import Interrupts
 from harness_opt.cli.progress import progress_for
-from harness_opt.cli.run import EXIT, INTERRUPTED, UNSOLVED, Voice
+from harness_opt.cli.run import EXIT, Voice
 from harness_opt.errors import HarnessError, ProblemError
 
 STORE = "study.sqlite"

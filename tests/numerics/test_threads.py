@@ -45,8 +45,10 @@ def same(one: Any, other: Any) -> bool:
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("position", "quaternion", "force"))
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(1000, marks=pytest.mark.skipif("SLOW" not in os.environ,
-                                                                                   reason="a minute; SLOW=1"))])  # fmt: skip
+LONG = pytest.mark.skipif("HARNESS_LONG" not in os.environ, reason="a minute: set HARNESS_LONG")
+
+
+@pytest.mark.parametrize("count", [40, pytest.param(1000, marks=LONG)])
 def test_equilibria_of_several_threads_are_those_of_one(count):
     one = [pose(number) for number in range(count)]
     many = together(pose, range(count), THREADS if count < 1000 else 8)
