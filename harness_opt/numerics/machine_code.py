@@ -104,12 +104,13 @@ def _run(command: list[str], seconds: float) -> str:
         )
     except OSError as error:
         raise CompilerError(f"the C compiler did not run: {error}") from error
-    try:
-        out, err = (said.decode("utf-8", "replace") for said in process.communicate(timeout=seconds))
-    except subprocess.TimeoutExpired:
-        raise CompilerError(f"the C compiler took longer than {seconds:g} s ({command[0]})") from None
-    finally:
-        _end(process, group)
+    with process:
+        try:
+            out, err = (said.decode("utf-8", "replace") for said in process.communicate(timeout=seconds))
+        except subprocess.TimeoutExpired:
+            raise CompilerError(f"the C compiler took longer than {seconds:g} s ({command[0]})") from None
+        finally:
+            _end(process, group)
     if process.returncode != 0:
         words = " ".join((err or out).split())[:SAID]
         raise CompilerError(f"the C compiler failed ({command[0]}): {words}")
@@ -125,7 +126,6 @@ def _end(process: subprocess.Popen[bytes], group: bool) -> None:
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
-    process.wait()
 
 
 def cache_folder() -> Path:
