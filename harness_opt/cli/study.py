@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness_opt.cli.ending import INTERRUPTED, UNSOLVED
+from harness_opt.cli.ending import BAD_INPUT, INTERRUPTED, UNSOLVED
 from harness_opt.cli.interrupts import Interrupts
 from harness_opt.cli.progress import progress_for
 from harness_opt.cli.run import EXIT, Voice
@@ -82,7 +82,9 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
         voice.tell(broken)
     if interrupts.asked:
         return INTERRUPTED
-    return UNSOLVED if broken else EXIT[content["status"]]
+    if broken:
+        return UNSOLVED if asked.scheduler is None else BAD_INPUT  # the address no longer leads to a scheduler
+    return EXIT[content["status"]]
 
 
 @contextlib.contextmanager
