@@ -95,8 +95,10 @@ def _quiet() -> None:
 
     They stay so: the last ones are written while Python ends.
     """
+    known = list(logging.root.manager.loggerDict)  # Dask gives each of its rooms a level of its own
     for name in ("distributed", "asyncio", "tornado"):
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        for one in (name, *(other for other in known if other.startswith(f"{name}."))):
+            logging.getLogger(one).setLevel(logging.CRITICAL + 1)
 
 
 def _missing(address: str, error: Exception) -> str:

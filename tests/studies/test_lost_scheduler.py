@@ -61,7 +61,7 @@ def test_a_scheduler_that_goes_away_is_told_in_seconds(here, scheduler):
     said += running.communicate(timeout=300)[0].splitlines(keepends=True)
     seconds = time.monotonic() - begin
     assert running.returncode == 2, "".join(said)
-    assert "Traceback" not in "".join(said)
+    assert "Traceback" not in "".join(said), "".join(said)
     assert "what is finished is kept: start the study again to go on" in "".join(said)
     assert seconds < SECONDS
 
