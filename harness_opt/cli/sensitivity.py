@@ -96,7 +96,7 @@ def _subject(file: Path, folders: Sequence[Path]) -> _Subject:
     if "method" not in toml_tables(content_of(file, "a problem file or a study file"), file):
         given = quantities_of(file, folders)
         return _Subject(given, list(usual(given)), {})
-    study = read_study(file)
+    study = read_study(file, folders)
     given = quantities_of(study.problem, folders)
     expand(given, study.variations)  # says what is wrong with the study, if anything
     spreads = {

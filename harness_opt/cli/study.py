@@ -58,7 +58,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     from harness_opt.studies.variant import VariantResult, variant_runner
     from harness_opt.studies.workers import Crew
 
-    study = read_study(file)
+    study = read_study(file, asked.folders)
     planned = plan(quantities_of(study.problem, asked.folders), study.variations, study.command)
     folder = asked.folder or Path("results") / file.stem
     check_own(folder, STORE)
