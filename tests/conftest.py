@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+pytest.register_assert_rewrite("oracles")
 # whoever starts the tests in the background has them ignore Ctrl-C, and all that they start
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -20,7 +21,7 @@ def rng():
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder with the mesh that the problem file of ``problem_files.py`` names, and with two that are none."""
+    """A folder with the mesh that the problem file of ``oracles.problem_files`` names, and with two that are none."""
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box((60, 40, 30)).export(tmp_path / "meshes" / "housing.stl")
     (tmp_path / "meshes" / "empty.stl").touch()

@@ -10,6 +10,7 @@ import numpy as np
 
 from harness_opt.clearance.pairs import PairClearance
 from harness_opt.clearance.what_counts import arc_apart
+from harness_opt.model.limits import Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics import rotations
@@ -57,8 +58,8 @@ def clearance_along(motion: Motion, scene: Scene, pair: PairClearance, points: P
     """
     problem, name, frame = motion.problem, points.cable, points.frame
     own = problem.cables[name].cable
-    if pair.obstacle in scene.parts:
-        part = scene.parts[pair.obstacle]
+    if not pair.obstacle.is_cable:
+        part = scene.parts[pair.obstacle.name]
         position, q = problem.poses(part.body, motion.motion[frame])
         local = rotations.rotate(rotations.conjugate(q[0]), points.position - position[0])
         clearance = part.lower_bound(local) - own.radius
@@ -66,13 +67,14 @@ def clearance_along(motion: Motion, scene: Scene, pair: PairClearance, points: P
         if np.any(near):
             clearance[near] = part.signed_distance(local[near])[0] - own.radius
         return clearance
-    other = pair.obstacle.removeprefix("cable:") if pair.cable == name else pair.cable
+    other = pair.obstacle.name if pair.cable == name else pair.cable
     shapes = motion.cables[other]
     apart = np.linalg.norm(points.position[:, None] - shapes.position[frame], axis=-1)
     if other == name:  # what is near along the cable is near, as `clearance.measure` says
         gap = arc_apart(own.radius, problem.limits.clearance)
         apart = np.where(np.abs(points.s[:, None] - shapes.s) < gap, np.inf, apart)
-    return apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
+    found: Array = apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
+    return found
 
 
 def states(
@@ -96,7 +98,7 @@ def states(
     short = (curvature * (limits.bend_radius or 0.0) > 1.0) | (twist > (limits.twist or math.inf))
     nearest = np.full(len(s), np.inf)
     for pair in pairs:
-        if name != pair.cable and pair.obstacle != f"cable:{name}":
+        if name != pair.cable and pair.obstacle != Obstacle(name, is_cable=True):
             continue
         counts = (s >= pair.excluded[0]) & (s <= s[-1] - pair.excluded[1])
         clearance = np.where(counts, clearance_along(motion, scene, pair, points, reach), np.inf)

@@ -123,7 +123,8 @@ def sag(arc: ArrayLike, chord: ArrayLike) -> Array:
     point at the same share: Stewart's theorem on the two balls, about the arc's ends, that hold it.
     """
     arc, chord = np.asarray(arc), np.asarray(chord)
-    return 0.5 * np.sqrt(np.maximum(arc * arc - chord * chord, 0.0))
+    found: Array = 0.5 * np.sqrt(np.maximum(arc * arc - chord * chord, 0.0))
+    return found
 
 
 def cubic_error(shapes: CableMotion) -> float:

@@ -157,7 +157,8 @@ class Search(abc.ABC):
 
     def known(self, at: Array) -> NDArray[np.bool_]:
         """Return whether the shapes are known around motion values (k,)."""
-        return ~np.any([curve.broken[curve.interval(at)] for curve in self.curves], axis=0)
+        found: NDArray[np.bool_] = ~np.any([curve.broken[curve.interval(at)] for curve in self.curves], axis=0)
+        return found
 
     def certificate(self) -> Certificate:
         """Search, and return what was found."""
@@ -266,7 +267,8 @@ class Search(abc.ABC):
 
     def solved(self, values: Array) -> NDArray[np.bool_]:
         """Return at which motion values (k,) there is a frame of every cable."""
-        return np.all([np.isin(values, curve.times) for curve in self.curves], axis=0)
+        found: NDArray[np.bool_] = np.all([np.isin(values, curve.times) for curve in self.curves], axis=0)
+        return found
 
     def _unchecked(self, lowest: list[tuple[float, float, Array]]) -> Cells:
         """Return the intervals with the worst and with the lowest bounds, none of whose ends was solved in between."""

@@ -141,7 +141,8 @@ class CableSearch(Search):
         s, t = self._corner_arcs(cells)
         over = lengths(self._ways(cells, cells.last, s, t) - self._ways(cells, cells.first, s, t)).max(axis=1)
         a, b, c, d = cells.arcs.T
-        return np.argmax([over, b - a, d - c], axis=0)
+        found: Indices = np.argmax([over, b - a, d - c], axis=0)
+        return found
 
     def survey(self, values: Array) -> tuple[Witnesses, float]:
         """See :meth:`Search.survey`."""
@@ -204,7 +205,8 @@ class CableSearch(Search):
         if self._gap <= 0:
             return off
         turn = self.curves[0].turn_deviation.max(axis=1)
-        return np.minimum(off, self._apart(cells) * turn[self.curves[0].interval(cells.middle)])
+        found: Array = np.minimum(off, self._apart(cells) * turn[self.curves[0].interval(cells.middle)])
+        return found
 
     def _strays_of_ways(self, cells: Cells) -> Array:
         """Return how far the ways in cells stray from linear ones (k,), m: neighbours on one cable move alike."""
@@ -220,7 +222,8 @@ class CableSearch(Search):
             k, share = _stretch(curve, cells)
             turn = curve.turn_acceleration[k].max(axis=1)
             over = np.minimum(over, 0.125 * share**2 * self._apart(cells) * turn)
-        return along + over
+        found: Array = along + over
+        return found
 
     @staticmethod
     def _nearest(corners: Array) -> Array:
@@ -232,7 +235,8 @@ class CableSearch(Search):
             square = dots(toward, toward)
             share = np.clip(-dots(at, toward) / np.where(square > 0, square, 1.0), 0.0, 1.0)
             at = at + share[:, None] * toward
-        return at
+        found: Array = at
+        return found
 
 
 def _stretch(curve: MovingCurve, cells: Cells) -> tuple[Indices, Array]:

@@ -97,10 +97,12 @@ class Seen:
         from_start, from_end = nearest
         length = curve.s[-1]
         if min(nearest) == -math.inf:
-            return max(from_start - last, from_end - (length - first))
+            found: float = max(from_start - last, from_end - (length - first))
+            return found
         # both fall along the cable, towards each other: lowest where they meet
         meeting = np.clip(0.5 * (from_start - from_end + length), first, last)
-        return max(from_start - float(meeting), from_end - (length - float(meeting)))
+        value: float = max(from_start - float(meeting), from_end - (length - float(meeting)))
+        return value
 
 
 class PartSearch(Search):
@@ -192,14 +194,18 @@ class PartSearch(Search):
 
     def _doubt(self, cells: Cells) -> Array:
         """Return how far the shapes may be from the surface on cells (k,), m."""
-        return self._curve.deviation[self._curve.interval(cells.middle), self._curve.arc(cells.arcs.mean(axis=1))]
+        found: Array = self._curve.deviation[
+            self._curve.interval(cells.middle), self._curve.arc(cells.arcs.mean(axis=1))
+        ]
+        return found
 
     def _strays(self, cells: Cells) -> Array:
         """Return how far the surface strays from the patches of cells (k,), m."""
         a, b = cells.arcs.T
         k, j = self._curve.interval(cells.middle), self._curve.arc(0.5 * (a + b))
         along = 0.125 * (b - a) ** 2 * self._curve.bend[k, j]
-        return along + 0.125 * (cells.last - cells.first) ** 2 * self._seen.acceleration()[k, j]
+        found: Array = along + 0.125 * (cells.last - cells.first) ** 2 * self._seen.acceleration()[k, j]
+        return found
 
     def _corners(self, cells: Cells) -> Array:
         """Return the corners (k, 4, 3) of cells, m: start and end of the arc, first at the start of the stretch."""

@@ -35,6 +35,7 @@ from harness_opt.clearance.witnesses import LONG, Certificate, Found, Task, Witn
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
+from harness_opt.model.limits import Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.numerics import rotations
@@ -92,7 +93,7 @@ def measure(
                 left_out.append(f"clearance of {own.cable} to {name}: {why}")
                 continue
             found = against_part(task, geometry, excluded)
-            pair = _pair(given, task, name, found)
+            pair = _pair(given, task, Obstacle(name), found)
             pair = replace(pair, excluded=excluded, closed=geometry.closed)
             if views is not None and task.limit is not None and found.lower is not None:
                 pair = _certified(pair, motion, _searched(views, task, geometry, pair, found.lower))
@@ -108,7 +109,7 @@ def measure(
             if both.gap >= task.curve.s[-1]:
                 left_out.append(f"clearance of {own.cable} to itself: too short to meet itself")
                 continue
-            pair = _pair(given, task, f"cable:{other.cable}", against_cable(task, both))
+            pair = _pair(given, task, Obstacle(other.cable, is_cable=True), against_cable(task, both))
             if views is not None:
                 curves = views.curve(own.cable), views.curve(other.cable)
                 pair = _certified(pair, motion, CableSearch(task, other, curves, pair.start).certificate())
@@ -182,7 +183,7 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
     )
 
 
-def _pair(given: Motion, task: Task, obstacle: str, found: Found) -> PairClearance:
+def _pair(given: Motion, task: Task, obstacle: Obstacle, found: Found) -> PairClearance:
     """Return the result of a pair in the frames alone: what was found, sorted."""
     samples = found.samples
     order = np.lexsort((samples.clearance, samples.frame))
@@ -193,7 +194,7 @@ def _pair(given: Motion, task: Task, obstacle: str, found: Found) -> PairClearan
         np.abs(samples.arc_length[found.minima] - nearest.arc_length[samples.frame[found.minima]]) > spacing
     ]
     witnesses = Witnesses.joined([nearest, samples.take(minima), samples.take(found.sides)])
-    if obstacle == f"cable:{task.cable}":
+    if obstacle == Obstacle(task.cable, is_cable=True):
         # pairs at the least arc apart are there because the cable is one piece, not because it meets itself
         gap = least_gap(task) * (1 + 1e-6)  # 1e-6: rounding, and far less than a station
         met = witnesses.other_arc_length - witnesses.arc_length > gap

@@ -83,7 +83,8 @@ class MovingCurve:
         places = self._nodes[interval] * len(self.s) + j[:, None]
 
         def now(values: Array, after: int) -> Array:
-            return np.einsum("ki,kic->kc", weights, values.reshape(-1, 3).take(places + after, axis=0))
+            found: Array = np.einsum("ki,kic->kc", weights, values.reshape(-1, 3).take(places + after, axis=0))
+            return found
 
         h = self.s[j + 1] - self.s[j]
         ends = (now(values, after) for values in (self.position, self.tangent) for after in (0, 1))
@@ -93,7 +94,8 @@ class MovingCurve:
         """Return the most of |r_ss| on the arcs between stations (N - 1,), from share ``low`` to ``high``, 1/m."""
         nodes = self._nodes[interval : interval + 1]
         ends = _bends(self.s, self._basis[interval : interval + 1], self.position[nodes], self.tangent[nodes])
-        return np.max([_most(end, low, high)[0] for end in ends], axis=0)
+        found: Array = np.max([_most(end, low, high)[0] for end in ends], axis=0)
+        return found
 
     def insert(self, values: Array) -> bool:
         """Solve frames at motion values (k,), each inside an interval; return whether estimates were raised for it."""
@@ -264,7 +266,8 @@ class _Bounds(NamedTuple):
 
 def _coefficients(basis: Array, values: Array) -> Array:
     """Return the coefficients (k, 4, n, 3) of the cubics through ``values`` (k, 4, n, 3), by powers of the share."""
-    return np.einsum("kpi,kinc->kpnc", basis, values)
+    found: Array = np.einsum("kpi,kinc->kpnc", basis, values)
+    return found
 
 
 def _bends(s: Array, basis: Array, position: Array, tangent: Array) -> list[Array]:
@@ -288,7 +291,8 @@ def _most(c: Array, low: float = 0.0, high: float = 1.0) -> Array:
     share = np.linspace(low, high, PIECES + 1)
     values = [lengths(np.einsum("p,kpnc->knc", x ** np.arange(NODES), c)) for x in share]
     curved = 2 * lengths(c[:, 2]) + 6 * high * lengths(c[:, 3])
-    return np.max(values, axis=0) + 0.125 * ((high - low) / PIECES) ** 2 * curved
+    found: Array = np.max(values, axis=0) + 0.125 * ((high - low) / PIECES) ** 2 * curved
+    return found
 
 
 def _neighbours(values: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from harness_opt.clearance.solved_frames import Solve
 from harness_opt.clearance.witnesses import Certificate, Witnesses
+from harness_opt.model.limits import LimitId, LimitKind, Obstacle
 from harness_opt.model.results import LimitResult, Snap
 from harness_opt.numerics.rotations import Array
 
@@ -36,7 +37,7 @@ class PairClearance:
 
     Args:
         cable: its name.
-        obstacle: name of the part, or "cable:NAME" of another cable or of the same one.
+        obstacle: a part, another cable, or the cable itself.
         limit: m, or None.
         nearest: the smallest clearance of each frame, P witnesses in order; of a part far away in all of them, one
             close to it.
@@ -55,7 +56,7 @@ class PairClearance:
     """
 
     cable: str
-    obstacle: str
+    obstacle: Obstacle
     limit: float | None
     nearest: Witnesses
     witnesses: Witnesses
@@ -67,6 +68,16 @@ class PairClearance:
     reason: str
     excluded: tuple[float, float]
     closed: bool
+
+    @property
+    def id(self) -> LimitId:
+        """Which limit, if it has one."""
+        return LimitId(LimitKind.CLEARANCE, self.cable, self.obstacle)
+
+    @property
+    def is_to_itself(self) -> bool:
+        """Whether the obstacle is the cable itself."""
+        return self.obstacle == Obstacle(self.cable, is_cable=True)
 
     @property
     def start(self) -> Certificate:
@@ -120,15 +131,13 @@ class ClearanceResult:
         """One row for each pair that has a limit."""
         return tuple(
             LimitResult(
-                name="clearance",
+                id=pair.id,
                 limit=pair.limit,
                 worst=pair.worst,
                 margin=pair.worst - pair.limit,
-                cable=pair.cable,
                 frame=pair.frame,
                 motion=pair.motion,
                 arc_length=pair.arc_length,
-                part=pair.obstacle,
                 certified=pair.certified,
                 tolerance=pair.tolerance,
                 reason=pair.reason,

@@ -5,20 +5,28 @@ The rooms that solve are imported inside the commands, so that help, ``schema`` 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import functools
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from harness_opt.cli.ending import BAD_INPUT, DEBUG, code_of
+from harness_opt.cli.options import (
+    Positive,
+    compiling,
+    debugging,
+    file_argument,
+    folders_option,
+    json_option,
+    running,
+    seconds_option,
+)
 from harness_opt.cli.run import Voice, Wanted, naming, remedied, run
 from harness_opt.cli.streams import lasting, say, tell, warn
-from harness_opt.errors import CompilerError, HarnessError, ProblemError
+from harness_opt.errors import HarnessError, ProblemError
+from harness_opt.model.methods import SOLVERS, TRANSCRIPTIONS
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
@@ -26,8 +34,6 @@ if TYPE_CHECKING:
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
 
-SOLVERS = ("gauss-newton", "levenberg-marquardt", "ipopt", "paper")
-TRANSCRIPTIONS = ("collocation", "dqm")
 EXPORTS = ("paraview", "csv", "gltf", "stl")
 MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
 EXPORT_FOLDER = "export"  # in a result folder
@@ -52,76 +58,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 VOICE = Voice(say, tell, warn)
 
 
-# --- options -------------------------------------------------------------------------------------------
-
-
-class _Positive(click.ParamType):
-    """A finite number above 0."""
-
-    name = "number"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not (math.isfinite(number) and number > 0):
-            self.fail(f"found {value!r}, expected a number above 0", param, ctx)
-        return number
-
-
-_file = click.argument("file", type=click.Path(path_type=Path))
-_folders = click.option(
-    "--files", "folders", multiple=True, metavar="DIR", type=click.Path(path_type=Path),
-    help="Folder that meshes and tables may come from, beside FILE's own; may be given several times.",
-)  # fmt: skip
-_seconds = click.option(
-    "--time-limit", "seconds", type=_Positive(), metavar="S",
-    help="Stop after so many seconds, and keep what is solved by then; exit code 3.",
-)  # fmt: skip
-_as_json = click.option("--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there.")
-
-
-def _running(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the argument and the options of the commands that write results."""
-    for decorate in (
-        click.option(
-            "--no-pictures", "pictures", flag_value=False, default=True, help="Write no report and draw no pictures."
-        ),
-        click.option("--quiet", "-q", is_flag=True, help="No progress and no table."),
-        _as_json,
-        click.option(
-            "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
-            help="Result folder; results/<name of FILE> where left out.",
-        ),
-        _file,
-    ):  # fmt: skip
-        command = decorate(command)
-    return command
-
-
-def _compiling(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the option that has functions compiled; where they can't be, say so and do without."""
-
-    @click.option(
-        "--compile", "machine", is_flag=True,
-        help="Have the system's C compiler make it faster, for some seconds the first time: same results.",
-    )  # fmt: skip
-    @functools.wraps(command)
-    def compiling(*arguments: Any, machine: bool, **options: Any) -> int:
-        with contextlib.ExitStack() as stack:
-            if machine:
-                from harness_opt.numerics.machine_code import compiled
-
-                try:
-                    stack.enter_context(compiled())
-                except CompilerError as error:
-                    tell(f"--compile: {error}; going on without: the results are the same")
-            return command(*arguments, **options)
-
-    return compiling
-
-
 def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     """Print the version, if ``wanted``, and end."""
     if wanted:
@@ -135,21 +71,6 @@ _CODES = (
     "Exit codes: 0 all limits hold, 1 a limit is violated or no design holds them, 2 bad input, "
     "3 a shape could not be found, 70 a fault of the program, 130 interrupted."
 )
-
-
-def _debug(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    """Remember that a traceback is wanted, if something unforeseen happens."""
-    if wanted and context.obj is not None:
-        context.obj[DEBUG] = True
-
-
-def _debugging(command: click.Command) -> None:
-    """Give a command the option that every one has."""
-    option = click.Option(
-        [DEBUG], is_flag=True, is_eager=True, expose_value=False, callback=_debug,
-        help="A traceback where the program itself fails.",
-    )  # fmt: skip
-    command.params.append(option)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]}, epilog=_CODES)
@@ -170,9 +91,9 @@ def commands() -> None:
 
 
 @commands.command()
-@_file
-@_as_json
-@_folders
+@file_argument
+@json_option
+@folders_option
 def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     """Validate FILE and say what would be solved; nothing is written.
 
@@ -197,20 +118,20 @@ def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
 
 
 @commands.command()
-@_running
-@_folders
-@_seconds
-@_compiling
-@click.option("--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
+@running
+@folders_option
+@seconds_option
+@compiling
+@click.option("--spatial-step", type=Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
 @click.option("--out-and-back", is_flag=True, help="Go through the motion and back: shows which snaps stay.")
 @click.option("--elements", type=click.IntRange(1, MOST_ELEMENTS), help="Least number of elements of a cable.")
 @click.option("--solver", type=click.Choice(SOLVERS), help="Way to solve; gauss-newton where left out.")
 @click.option("--transcription", type=click.Choice(TRANSCRIPTIONS), help="collocation, or dqm: the paper's.")
 @click.option("--points", type=int, metavar="N", help="Of dqm, 5 to 200; as many as it takes where left out.")
 @click.option("--closure", is_flag=True, default=None, help="Of dqm: with the length closure (25).")
-@click.option("--tolerance", type=_Positive(), help="Error allowed in a shape, in lengths of the cable.")
+@click.option("--tolerance", type=Positive(), help="Error allowed in a shape, in lengths of the cable.")
 @click.option(
-    "--clearance-tolerance", type=_Positive(), metavar="M",
+    "--clearance-tolerance", type=Positive(), metavar="M",
     help="How certain the smallest clearances are wanted, m; 1 % of the cable's diameter where left out.",
 )  # fmt: skip
 def simulate(
@@ -246,10 +167,10 @@ def simulate(
 
 
 @commands.command()
-@_running
-@_folders
-@_seconds
-@_compiling
+@running
+@folders_option
+@seconds_option
+@compiling
 @click.option(
     "--pareto", metavar="FIRST,SECOND",
     help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
@@ -286,16 +207,16 @@ def redesign(
 
 
 @commands.command()
-@_file
+@file_argument
 @click.option(
     "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
     help="Folder of what it finds; results/<name of FILE> where left out.",
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
-@_compiling
+@compiling
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
-@_as_json
-@_folders
+@json_option
+@folders_option
 @click.option("--quiet", "-q", is_flag=True, help="No progress and no table.")
 def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: Any) -> int:
     """Run every variant that the study FILE describes; started again, it goes on where it was.
@@ -312,13 +233,13 @@ def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: A
 
 
 @commands.command()
-@_file
+@file_argument
 @click.option(
     "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
     help="Folder for table and chart; results/<name of FILE>_sensitivity where left out.",
 )  # fmt: skip
-@_as_json
-@_folders
+@json_option
+@folders_option
 def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:
     """Say what moves the worst clearance of FILE most, per millimetre, degree and percent.
 
@@ -334,7 +255,7 @@ def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[P
 
 @commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@_folders
+@folders_option
 def show(folder: Path, folders: tuple[Path, ...]) -> int:
     """Show the result in DIR in a window, to turn about and to scrub along the motion.
 
@@ -362,7 +283,7 @@ def show(folder: Path, folders: tuple[Path, ...]) -> int:
 @click.option(
     "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
 )
-@_folders
+@folders_option
 def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: tuple[Path, ...]) -> int:
     """Write the result in DIR for other programs.
 
@@ -427,19 +348,26 @@ def completion(shell: str) -> int:
 
 
 @commands.command()
-def schema() -> int:
-    """Print the JSON Schema of problem files, for editors.
+@click.option("--results", "kind", flag_value="results", help="Of summary.json in a result folder.")
+@click.option("--study", "kind", flag_value="study", help="Of study files.")
+def schema(kind: str | None) -> int:
+    """Print the JSON Schema of problem files, for editors; of results and of study files, where asked.
 
     \b
     harness-opt schema > problem.schema.json
+    harness-opt schema --results > summary.schema.json
     """
     import json
 
-    from harness_opt.files.read import schema
-
-    say(json.dumps(schema(), indent=2))
+    if kind == "results":
+        from harness_opt.files.summary import results_schema as wanted
+    elif kind == "study":
+        from harness_opt.studies.study_file import schema as wanted
+    else:
+        from harness_opt.files.read import schema as wanted
+    say(json.dumps(wanted(), indent=2))
     return 0
 
 
 for _command in (commands, *commands.commands.values()):
-    _debugging(_command)
+    debugging(_command)

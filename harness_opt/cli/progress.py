@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from harness_opt.cli.interrupts import Interrupts
 
 if TYPE_CHECKING:
-    from harness_opt.motion.simulate import Progress
+    from harness_opt.motion.follower import Progress
 
 SECONDS_A_LINE = 5.0  # between two lines of progress where no terminal shows a bar
 

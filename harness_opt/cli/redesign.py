@@ -12,7 +12,6 @@ from harness_opt.design import redesign as robust_loop
 from harness_opt.design.trade_off import quantities
 from harness_opt.errors import Status
 from harness_opt.files.result_folder import ASIDE, SUMMARY, read_summary
-from harness_opt.report.words import UNITS
 from harness_opt.studies.yields import with_yields
 
 if TYPE_CHECKING:
@@ -78,16 +77,15 @@ def words(step: Step, number: int) -> str:
         step: the iteration.
         number: of it, from 1.
     """
-    kind = next((kind for kind in UNITS if step.limit.startswith(_label(kind))), None)
-    unit, scale = ("", 1.0) if kind is None else UNITS[kind][:2]
-    amount = step.amount * scale * (math.degrees(1.0) if kind == "twist_deg_per_m" else 1.0)
-    held = f"{amount:.3g} {unit} to spare" if amount >= 0 else f"short by {-amount:.3g} {unit}"
+    if step.limit is None:
+        tightest = "nothing near its limit"
+    else:
+        kind = step.limit.kind
+        amount, unit = step.amount * kind.from_si * kind.unit.factor, kind.unit.name
+        margin = f"{amount:.3g} {unit} to spare" if amount >= 0 else f"short by {-amount:.3g} {unit}"
+        tightest = f"{step.limit.words} {margin}"
     kept = "" if step.accepted else ", not kept"
-    return f"iteration {number} ({step.aim}): {step.limit} {held}, step {100 * step.step:.2g} % of the bounds{kept}"
-
-
-def _label(kind: str) -> str:
-    return kind.removesuffix("_deg_per_m").replace("_", " ")
+    return f"iteration {number} ({step.aim}): {tightest}, step {100 * step.step:.2g} % of the bounds{kept}"
 
 
 def interrupted(folder: Path, problem: Problem) -> Earlier | None:
@@ -111,6 +109,7 @@ def interrupted(folder: Path, problem: Problem) -> Earlier | None:
 
 def _earlier(found: dict[str, Any] | None, problem: Problem) -> Earlier | None:
     """Return what the summary of an interrupted redesign of ``problem`` holds; None where it is of something else."""
+    from harness_opt.design.limit_keys import limit_keys
     from harness_opt.design.result import Earlier
     from harness_opt.design.sqp import Step
 
@@ -126,4 +125,6 @@ def _earlier(found: dict[str, Any] | None, problem: Problem) -> Earlier | None:
     values = {name: float(row["after"]) for name, row in variables.items() if row["after"] is not None}
     if set(values) != {variable.name for variable in problem.design.variables}:
         return None
-    return Earlier(values, tuple(Step(**step) for step in found["redesign"].get("history", ())))
+    named = {str(limit): limit for key in limit_keys(problem) for limit in key.sets}
+    steps = found["redesign"].get("history", ())
+    return Earlier(values, tuple(Step(**step | {"limit": named.get(step["limit"])}) for step in steps))

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from harness_opt.cli.ending import INTERRUPTED, UNSOLVED
 from harness_opt.cli.interrupts import Interrupts
@@ -21,13 +21,13 @@ from harness_opt.errors import HarnessError, ProblemError, SolveError, Status
 if TYPE_CHECKING:
     from harness_opt.clearance.pairs import ClearanceResult
     from harness_opt.design.result import Redesign
+    from harness_opt.files.summary import Command, Summary
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
     from harness_opt.parts.scene import Scene
 
     Solve = Callable[[Problem, Shown], Motion | Redesign]
-    _Found = tuple[Motion | Redesign, ClearanceResult | None, str]  # with the command that found it
-    _Summary = dict[str, Any]
+    _Found = tuple[Motion | Redesign, ClearanceResult | None, Command]  # with the command that found it
 
 EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
 REMEDY = 'pip install "harness-opt[pictures]"'
@@ -70,7 +70,7 @@ def naming(file: Path) -> Iterator[None]:
         ) from None
 
 
-def run(command: str, file: Path, wanted: Wanted, solve: Solve, voice: Voice) -> int:
+def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice) -> int:
     """Read, solve, measure, write, draw and tell; return the exit code.
 
     Args:
@@ -146,7 +146,7 @@ def _loaded(file: Path, folder: Path, wanted: Wanted, interrupts: Interrupts) ->
     return problem, scene
 
 
-def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[_Summary, Path | None]:
+def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[Summary, Path | None]:
     """Write what was found; return its summary and the folder, or None where nothing was written."""
     from harness_opt.report.result_files import write_results
     from harness_opt.report.summary import summary
@@ -176,7 +176,7 @@ def _is_whole(folder: Path) -> bool:
     return earlier is not None and earlier.get("reason") not in parts
 
 
-def _show(wanted: Wanted, summary: _Summary, place: Path | None, voice: Voice) -> None:
+def _show(wanted: Wanted, summary: Summary, place: Path | None, voice: Voice) -> None:
     """Print the summary, and where it was written, if it was."""
     from harness_opt.report.summary import as_json
     from harness_opt.report.words import advice, report
@@ -207,7 +207,8 @@ def _solved(problem: Problem, solve: Solve, progress: Shown, interrupts: Interru
         from harness_opt.model.results import Motion
 
         partial = Motion(problem, np.zeros(0), {})
-    return dataclasses.replace(partial, status=status, message=message)
+    found: Motion | Redesign = dataclasses.replace(partial, status=status, message=message)
+    return found
 
 
 def _timely(result: Motion | Redesign, seconds: float | None, interrupts: Interrupts) -> Motion | Redesign:
@@ -233,7 +234,7 @@ def _measured(
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 
-def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> _Summary:
+def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> Summary:
     """Write the results again with a report, and then with pictures; where none can be drawn say why.
 
     The results stand already, and the report before the pictures, so that nothing that a graphics driver does can

@@ -50,7 +50,6 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
     from harness_opt.files.result_folder import check_own
     from harness_opt.parts.scene import load_scene
     from harness_opt.report.summary import as_json as as_strict_json
-    from harness_opt.report.words import UNITS
     from harness_opt.studies.ranking import ranked, tightest, worst_margin
     from harness_opt.studies.table import write_bytes
 
@@ -62,16 +61,19 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
     except SolveError as error:
         voice.tell(str(error))
         return UNSOLVED
-    name = tightest(found)
-    effects = ranked(found, name, subject.tolerances)
-    kind = name.partition(" of ")[0].replace(" ", "_")
-    unit, factor, _ = UNITS["twist_deg_per_m" if kind == "twist" else kind]
-    heading = f"{name[0].upper()}{name[1:]}: margin {factor * worst_margin(found, name):.3g} {unit}"
+    limit = tightest(found)
+    effects = ranked(found, limit, subject.tolerances)
+    unit, factor = limit.kind.unit.name, limit.kind.unit.factor
+    heading = f"{limit.words[0].upper()}{limit.words[1:]}: margin {factor * worst_margin(found, limit):.3g} {unit}"
     folder.mkdir(parents=True, exist_ok=True)
     write_bytes(folder / TABLE, _csv(found, subject.tolerances).encode())
     scaled = [_scaled(effect, factor) for effect in effects]
     if as_json:
-        voice.say(as_strict_json({"limit": name, "unit": unit, "effects": [vars(effect) for effect in scaled]}))
+        voice.say(
+            as_strict_json(
+                {"limit": limit.words, "id": str(limit), "unit": unit, "effects": [vars(effect) for effect in scaled]}
+            )
+        )
     else:
         voice.say("\n".join([heading, "", *_lines(scaled, unit), "", f"Table: {folder / TABLE}"]))
     try:
@@ -118,6 +120,8 @@ def _scaled(effect: Effect, factor: float) -> Effect:
 
 def _lines(effects: Sequence[Effect], unit: str) -> list[str]:
     """Return the ranking as a table."""
+    from harness_opt.report.text_table import laid_out
+
     within = any(effect.tolerance is not None for effect in effects)
     head = ["quantity", f"{unit} per", "", *(["tolerance", "", unit] if within else [])]
     rows: list[list[str]] = [head]
@@ -126,25 +130,20 @@ def _lines(effects: Sequence[Effect], unit: str) -> list[str]:
         if within and effect.tolerance is not None:
             row += [f"+-{effect.tolerance:.3g}", effect.step, f"+-{effect.size:.3g}"]
         rows.append(row)
-    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(len(head))]
-    left = (0, 2, 4)
-    lines = [
-        " ".join(cell.ljust(w) if i in left else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths))).rstrip()  # noqa: B905
-        for row in rows
-    ]
+    lines = laid_out(rows, left=(0, 2, 4))
     rest = len(effects) - SHOWN
     return lines if rest <= 0 else [*lines, f"and {rest} more, each with less effect"]
 
 
 def _csv(found: Linear, tolerances: Mapping[str, Tolerance]) -> str:
     """Return the effects of all quantities on all limits: a row a quantity, a column a limit, in SI and file units."""
-    from harness_opt.studies.ranking import by_limit, ranked
+    from harness_opt.studies.ranking import ranked
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     columns: dict[str, dict[str, Any]] = {}
-    for name, label in by_limit(found).items():
-        columns[label] = {effect.key: effect for effect in ranked(found, name, tolerances)}
+    for limit in found.limits:
+        columns[str(limit)] = {effect.key: effect for effect in ranked(found, limit, tolerances)}
     writer.writerow(["key", "per", "tolerance", *columns])
     for quantity in found.quantities:
         effects = [column[quantity.key] for column in columns.values()]

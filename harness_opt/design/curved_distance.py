@@ -67,7 +67,8 @@ def second_order(passing: Passing, shapes: CableMotion, geometry: Geometry, pose
     stiffness = np.maximum(np.einsum("wc,wcd,wd->w", tangent, hessian, tangent) + bent, STIFFEST)
     slid = pull[:, :, None] * pull[:, None, :] / stiffness[:, None, None]
     slid[passing.still] = 0.0
-    return np.swapaxes(passing.moved, 1, 2) @ pushed - slid
+    result: Array = np.swapaxes(passing.moved, 1, 2) @ pushed - slid
+    return result
 
 
 def _hessian(geometry: Geometry, place: Array, pose: tuple[Array, Array]) -> Array:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness_opt.clearance.limits import limit_label
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.clearance.what_counts import arc_apart
@@ -25,6 +24,7 @@ from harness_opt.design.margins import at_stations, linearised
 from harness_opt.errors import ProblemError, SolveError
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.quantity_keys import Quantity, differentiable
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.path import place_frames
@@ -51,8 +51,8 @@ class Linear:
         quantities: the k quantities.
         margin: (m,), a share of the limit as in :mod:`harness_opt.design.margins`; >= 0 holds.
         rate: (m, k), per unit of each key.
-        limit: (m,), which of ``names`` a row is of.
-        names: of the limits, as :func:`~harness_opt.clearance.limits.limit_label` has them.
+        limit: (m,), which of ``limits`` a row is of.
+        limits: that the rows are of.
         scales: what a margin of each limit is multiplied by to be in metres or as the limit is.
         motion: what was simulated.
         clearances: of its frames.
@@ -63,15 +63,15 @@ class Linear:
     margin: Array
     rate: Array
     limit: Array
-    names: tuple[str, ...]
+    limits: tuple[LimitId, ...]
     scales: Array
     motion: Motion
     clearances: ClearanceResult
     second: Array
 
-    def worst(self, name: str) -> int:
-        """Return the row with the smallest margin of a limit."""
-        rows = np.flatnonzero(self.limit == self.names.index(name))
+    def worst(self, limit: LimitId) -> int:
+        """Return the row with the smallest margin of ``limit``."""
+        rows = np.flatnonzero(self.limit == self.limits.index(limit))
         return int(rows[np.argmin(self.margin[rows])])
 
 
@@ -111,11 +111,11 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
     looked = _Looked(found, rates, sides, scene)
     rows = [_pair_rows(pair, looked) for pair in clearances.pairs if pair.limit is not None]
     others = linearised(problem, found, dataclasses.replace(clearances, pairs=()), rates, _Nothing(), len(keys))
-    if others.name != ("no limit",):
-        for name in dict.fromkeys(others.name):
-            of = np.array([row == name for row in others.name])
-            flat = np.zeros((np.count_nonzero(of), len(keys), len(keys)))
-            rows.append(_Rows(name, _limit_of(problem, name), others.margin[of], others.rate[of], flat))
+    for limit in dict.fromkeys(limit for limit in others.limit if limit is not None):
+        of = np.array([row == limit for row in others.limit])
+        flat = np.zeros((np.count_nonzero(of), len(keys), len(keys)))
+        scale = float(getattr(problem.limits, limit.kind.value))
+        rows.append(_Rows(limit, scale, others.margin[of], others.rate[of], flat))
     if not rows:
         raise ProblemError("limits: found none, expected at least one for a quantity to move")
     return Linear(
@@ -123,7 +123,7 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
         np.concatenate([row.margin for row in rows]),
         np.concatenate([row.rate for row in rows]),
         np.repeat(np.arange(len(rows)), [len(row.margin) for row in rows]),
-        tuple(row.name for row in rows),
+        tuple(row.limit for row in rows),
         np.array([row.scale for row in rows]),
         found,
         clearances,
@@ -131,10 +131,10 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
     )
 
 
-class _Nothing(dict[str, float]):
+class _Nothing(dict[LimitId, float]):
     """Asks for nothing beyond any limit."""
 
-    def __missing__(self, key: str) -> float:
+    def __missing__(self, key: LimitId) -> float:
         return 0.0
 
 
@@ -142,7 +142,7 @@ class _Nothing(dict[str, float]):
 class _Rows:
     """Rows of one limit: margins (w,) in shares of ``scale``, rates (w, k), and second derivatives (w, k, k)."""
 
-    name: str
+    limit: LimitId
     scale: float
     margin: Array
     rate: Array
@@ -157,12 +157,6 @@ class _Looked:
     rates: Mapping[str, ShapeRates]
     sides: Sequence[_Sides]
     scene: Scene
-
-
-def _limit_of(problem: Problem, name: str) -> float:
-    """Return the limit that a label other than a clearance's is of."""
-    words = name.partition(" of ")[0].replace(" ", "_")
-    return float(getattr(problem.limits, words))
 
 
 # --- a key, a little more and less ---------------------------------------------------------------------
@@ -193,7 +187,8 @@ def key_scale(quantity: Quantity, problem: Problem) -> float:
     if quantity.path[-1] == "rest_curvature":
         return 1.0 / length
     if quantity.path[-1] in ("tangent", "axis", "direction", "quaternion", "gravity", "force", "moment"):
-        return max(1.0, abs(quantity.value))
+        found: float = max(1.0, abs(quantity.value))
+        return found
     return abs(quantity.value) or 1.0
 
 
@@ -282,21 +277,22 @@ def _pair_rows(pair: PairClearance, looked: _Looked) -> _Rows:
     moved = at_stations(rates, shapes.s, found.frame, found.arc_length)
     grown = np.array([_cable_rate(side, pair.cable, "radius") for side in sides])
     second = np.zeros((len(found.frame), len(sides), len(sides)))
-    if pair.obstacle.startswith("cable:"):
-        other = pair.obstacle.removeprefix("cable:")
+    if pair.obstacle.is_cable:
+        other = pair.obstacle.name
         along = motion.cables[other].s
         moved = moved - at_stations(looked.rates[other].position, along, found.frame, found.other_arc_length)
         grown = grown + np.array([_cable_rate(side, other, "radius") for side in sides])
     elif sides:
         at = motion.motion[found.frame]
-        moved = moved - np.stack([_carried(problem, side, pair.obstacle, at, found.point) for side in sides], axis=-1)
-        geometry = looked.scene.parts[pair.obstacle]
+        moved = moved - np.stack(
+            [_carried(problem, side, pair.obstacle.name, at, found.point) for side in sides], axis=-1
+        )
+        geometry = looked.scene.parts[pair.obstacle.name]
         passing = Passing(found, moved, rates, np.logical_or(*_at_ends(pair, found.arc_length, float(shapes.s[-1]))))
         second = second_order(passing, shapes, geometry, problem.poses(geometry.body, at))
     slid = np.stack([_slid(pair, found, motion, side) for side in sides], axis=-1) if sides else 0.0
     slope = (np.einsum("wc,wck->wk", found.normal, moved) - grown + slid) / unit
-    name = limit_label("clearance", pair.cable, pair.obstacle)
-    return _Rows(name, unit, (found.clearance - limit) / unit, slope, second / unit)
+    return _Rows(pair.id, unit, (found.clearance - limit) / unit, slope, second / unit)
 
 
 def _at_ends(pair: PairClearance, arc: Array, whole: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -321,16 +317,17 @@ def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -
     length, grown = _cable_rate(side, pair.cable, "length"), _cable_rate(side, pair.cable, "radius")
     whole, arc, other = float(shapes.s[-1]), found.arc_length, found.other_arc_length
     tangents = rotations.tangent(shapes.quaternion)[..., None]
-    if pair.obstacle == f"cable:{pair.cable}":
+    if pair.is_to_itself:
         gap = arc_apart(motion.problem.cables[pair.cable].cable.radius, pair.limit)
         along = -np.einsum("wc,wc->w", found.normal, at_stations(tangents, shapes.s, found.frame, other)[..., 0])
         return np.where(other - arc <= gap * (1 + AT), along * (np.pi * grown - gap / whole * length), 0.0)
-    if pair.obstacle.startswith("cable:"):
+    if pair.obstacle.is_cable:
         return np.zeros(len(arc))
     along = np.einsum("wc,wc->w", found.normal, at_stations(tangents, shapes.s, found.frame, arc)[..., 0])
     first, last = _at_ends(pair, arc, whole)
     shift = np.where(first, 2.0 * grown, np.where(last, length - 2.0 * grown, arc / whole * length))
-    return along * np.where(first | last, shift - arc / whole * length, 0.0)
+    result: Array = along * np.where(first | last, shift - arc / whole * length, 0.0)
+    return result
 
 
 def _carried(problem: Problem, side: _Sides, part: str, at: Array, point: Array) -> Array:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from harness_opt.clearance.limits import limit_label
+from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind, Obstacle, quoted
 from harness_opt.model.problem import Problem
-
-KINDS = ("bend_radius", "twist", "clamp_force", "clamp_moment")  # limits of cables alone
 
 
 @dataclass(frozen=True)
@@ -16,21 +14,21 @@ class LimitKey:
     """One number of a problem that limits are held against.
 
     Args:
-        kind: as in :class:`harness_opt.model.results.LimitResult`.
+        kind: of the limits.
         part: whose own clearance limit it is; None for ``[limits]``.
         limit: its value, SI.
-        labels: of the limits that it sets, as :func:`harness_opt.clearance.limits.limit_label` has them.
+        sets: the limits that it sets.
     """
 
-    kind: str
+    kind: LimitKind
     part: str | None
     limit: float
-    labels: frozenset[str]
+    sets: frozenset[LimitId]
 
     @property
     def name(self) -> str:
-        """The key in the problem file, without its unit's ending."""
-        return f"limits.{self.kind}" if self.part is None else f"parts.{self.part}.{self.kind}"
+        """The key in the problem file."""
+        return f"limits.{self.kind.key}" if self.part is None else f"parts.{quoted(self.part)}.{self.kind.key}"
 
     def value(self, shortfall: float, scale: float) -> float:
         """Return what it has to be for limits to hold that are violated by ``shortfall``, scaled.
@@ -39,14 +37,14 @@ class LimitKey:
             shortfall: >= 0, as the margins of :mod:`harness_opt.design.margins`.
             scale: of those margins, SI.
         """
-        if self.kind == "bend_radius":  # scaled margins of curvatures
+        if self.kind is LimitKind.BEND_RADIUS:  # scaled margins of curvatures
             return self.limit / (1.0 + shortfall)
-        return self.limit - shortfall * scale if self.kind == "clearance" else self.limit * (1.0 + shortfall)
+        return self.limit - shortfall * scale if self.kind is LimitKind.CLEARANCE else self.limit * (1.0 + shortfall)
 
     def replaced(self, problem: Problem, value: float) -> Problem:
         """Return ``problem`` with ``value`` in its place."""
         if self.part is None:
-            return dataclasses.replace(problem, limits=dataclasses.replace(problem.limits, **{self.kind: value}))
+            return dataclasses.replace(problem, limits=dataclasses.replace(problem.limits, **{self.kind.value: value}))
         part = dataclasses.replace(problem.parts[self.part], clearance=value)
         return dataclasses.replace(problem, parts={**problem.parts, self.part: part})
 
@@ -54,18 +52,23 @@ class LimitKey:
 def limit_keys(problem: Problem) -> tuple[LimitKey, ...]:
     """Return the keys of all limits of ``problem``; a part without a limit of its own can be given one."""
     found, limits = [], problem.limits
-    for kind in KINDS:
-        limit = getattr(limits, kind)
+    for kind in CABLE_KINDS:
+        limit = getattr(limits, kind.value)
         if limit is not None:
-            labels = frozenset(limit_label(kind, cable, None) for cable in problem.cables)
-            found.append(LimitKey(kind, None, limit, labels))
-    shared = {limit_label("clearance", a, f"cable:{b}") for a in problem.cables for b in problem.cables}
+            found.append(LimitKey(kind, None, limit, frozenset(LimitId(kind, cable) for cable in problem.cables)))
+    clearance = LimitKind.CLEARANCE
+    shared = {LimitId(clearance, a, Obstacle(b, is_cable=True)) for a in problem.cables for b in problem.cables}
     for part, solid in problem.parts.items():
         limit = problem.clearance_limit(part)
         if limit is not None:
-            labels = frozenset(limit_label("clearance", cable, part) for cable in problem.cables)
-            found.append(LimitKey("clearance", part, limit, labels))
-            shared |= labels if solid.clearance is None else set()
+            own = frozenset(LimitId(clearance, cable, Obstacle(part)) for cable in problem.cables)
+            found.append(LimitKey(clearance, part, limit, own))
+            shared |= own if solid.clearance is None else set()
     if limits.clearance is not None:
-        found.append(LimitKey("clearance", None, limits.clearance, frozenset(shared)))
+        found.append(LimitKey(clearance, None, limits.clearance, frozenset(shared)))
     return tuple(found)
+
+
+def is_between_cables(limit: LimitId | None) -> bool:
+    """Return whether ``limit`` is the clearance of a cable to a cable: those have no limits of their own."""
+    return limit is not None and limit.obstacle is not None and limit.obstacle.is_cable

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness_opt.clearance.centreline import Curve
-from harness_opt.clearance.limits import limit_label
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.clearance.witnesses import Witnesses
+from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.shape_rates import ShapeRates
@@ -32,13 +32,13 @@ AT_END = 1e-9  # of the length: a witness this near to the edge of what counts s
 
 @dataclass(frozen=True)
 class Rows:
-    """Scaled margins (m,) that must be >= 0, their rates (m, k) per unit of the variables, their limits' names, frames
-    (m,), and what a scaled margin of 1 is in SI units, to first order, (m,).
+    """Scaled margins (m,) that must be >= 0, their rates (m, k) per unit of the variables, which limits they are
+    of (None where there is none), frames (m,), and what a scaled margin of 1 is in SI units, to first order, (m,).
     """
 
     margin: Array
     rate: Array
-    name: tuple[str, ...]
+    limit: tuple[LimitId | None, ...]
     frame: Indices
     scale: Array
 
@@ -48,15 +48,10 @@ class Rows:
         return Rows(
             np.concatenate([rows.margin for rows in several]),
             np.concatenate([rows.rate for rows in several]),
-            tuple(name for rows in several for name in rows.name),
+            tuple(limit for rows in several for limit in rows.limit),
             np.concatenate([rows.frame for rows in several]),
             np.concatenate([rows.scale for rows in several]),
         )
-
-
-def scale_of(name: str, limit: float, radius: float) -> float:
-    """Return what the margin of the limit ``name`` is divided by, in its unit; ``radius`` of the cable, m."""
-    return limit + radius if name == "clearance" else limit
 
 
 def linearised(
@@ -64,7 +59,7 @@ def linearised(
     motion: Motion,
     clearances: ClearanceResult,
     rates: Mapping[str, ShapeRates],
-    asked: Mapping[str, float],
+    asked: Mapping[LimitId, float],
     variables: int,
 ) -> Rows:
     """Return the rows of all limits.
@@ -73,7 +68,7 @@ def linearised(
         problem: the design simulated.
         motion, clearances: of that design.
         rates: of its shapes, by cable; empty leaves the rates of the rows at zero.
-        asked: what is asked for beyond each limit, in its scale; must know every limit's name.
+        asked: what is asked for beyond each limit, in its scale; must know every limit.
         variables: k.
     """
     rows = [
@@ -84,7 +79,7 @@ def linearised(
     for name in motion.cables:
         rows += _cable_rows(problem, name, motion, rates.get(name), asked, variables)
     if not rows:  # every pair was left out: nothing can be near its limit
-        return Rows(np.ones(1), np.zeros((1, variables)), ("no limit",), np.zeros(1, dtype=int), np.ones(1))
+        return Rows(np.ones(1), np.zeros((1, variables)), (None,), np.zeros(1, dtype=int), np.ones(1))
     return Rows.joined(rows)
 
 
@@ -93,22 +88,21 @@ def _clearance_rows(
     pair: PairClearance,
     motion: Motion,
     rates: Mapping[str, ShapeRates],
-    asked: Mapping[str, float],
+    asked: Mapping[LimitId, float],
     variables: int,
 ) -> Rows:
     """Linearise a pair's clearance at its witnesses, and at the nearest point of every frame."""
     found = pair.witnesses
     missing = np.setdiff1d(pair.nearest.frame, found.frame)
-    name = limit_label("clearance", pair.cable, pair.obstacle)
     limit = pair.limit or 0.0
-    scale = scale_of("clearance", limit, problem.cables[pair.cable].cable.radius)
+    scale = pair.id.kind.scale(limit, problem.cables[pair.cable].cable.radius)
     witnesses = Witnesses.joined([found, pair.nearest.take(missing)])
     slope = np.zeros((len(witnesses.frame), variables))
     if rates:
         slope = np.einsum("wc,wck->wk", witnesses.normal, _approach(problem, pair, motion, rates, witnesses))
         slope /= scale
-    margin = (witnesses.clearance - limit) / scale - asked[name]
-    return Rows(margin, slope, (name,) * len(margin), witnesses.frame, np.full(len(margin), scale))
+    margin = (witnesses.clearance - limit) / scale - asked[pair.id]
+    return Rows(margin, slope, (pair.id,) * len(margin), witnesses.frame, np.full(len(margin), scale))
 
 
 def _approach(
@@ -123,13 +117,13 @@ def _approach(
     shapes, own, s = motion.cables[pair.cable], rates[pair.cable], witnesses.arc_length
     length = shapes.s[-1]
     moved = at_stations(own.position, shapes.s, witnesses.frame, s)
-    if not pair.obstacle.startswith("cable:"):
+    if not pair.obstacle.is_cable:
         # points at a fixed share of a growing length run along the cable: those at the edges are called back
         at_start = np.abs(s - pair.excluded[0]) < AT_END * length
         at_end = np.abs(length - pair.excluded[1] - s) < AT_END * length
         excess = np.where(at_start, -s, np.where(at_end, length - s, 0.0)) / length
         return moved + _along(shapes, witnesses.frame, s, excess, own.length)
-    other, t = pair.obstacle.removeprefix("cable:"), witnesses.other_arc_length
+    other, t = pair.obstacle.name, witnesses.other_arc_length
     others = motion.cables[other]
     moved = moved - at_stations(rates[other].position, others.s, witnesses.frame, t)
     if other == pair.cable:
@@ -150,18 +144,18 @@ def _cable_rows(
     cable: str,
     motion: Motion,
     rates: ShapeRates | None,
-    asked: Mapping[str, float],
+    asked: Mapping[LimitId, float],
     variables: int,
 ) -> list[Rows]:
     """Linearise bend radius, twist and clamp loads at the worst stations of every frame."""
     limits, shapes, rows = problem.limits, motion.cables[cable], []
     everywhere, clamps = np.arange(len(shapes.s)), np.array([0, len(shapes.s) - 1])
     bend = None if limits.bend_radius is None else 1.0 / limits.bend_radius
-    for quantity, limit, part, stations, label in (
-        ("curvature", bend, slice(0, 2), everywhere, "bend_radius"),
-        ("curvature", limits.twist, slice(2, 3), everywhere, "twist"),
-        ("force", limits.clamp_force, slice(0, 3), clamps, "clamp_force"),
-        ("moment", limits.clamp_moment, slice(0, 3), clamps, "clamp_moment"),
+    for kind, quantity, limit, part, stations in (
+        (LimitKind.BEND_RADIUS, "curvature", bend, slice(0, 2), everywhere),
+        (LimitKind.TWIST, "curvature", limits.twist, slice(2, 3), everywhere),
+        (LimitKind.CLAMP_FORCE, "force", limits.clamp_force, slice(0, 3), clamps),
+        (LimitKind.CLAMP_MOMENT, "moment", limits.clamp_moment, slice(0, 3), clamps),
     ):
         if limit is None:
             continue
@@ -174,9 +168,9 @@ def _cable_rows(
         if rates is not None:
             unit = vector[frame, station] / np.maximum(worst, TINY)[:, None]
             slope = -np.einsum("wc,wck->wk", unit, getattr(rates, quantity)[frame, station, part]) / limit
-        name = limit_label(label, cable, None)
-        scale = np.full(len(frame), 1.0 / limit if label == "bend_radius" else limit)
-        rows.append(Rows(1.0 - worst / limit - asked[name], slope, (name,) * len(frame), frame, scale))
+        which = LimitId(kind, cable)
+        scale = np.full(len(frame), 1.0 / limit if kind is LimitKind.BEND_RADIUS else limit)
+        rows.append(Rows(1.0 - worst / limit - asked[which], slope, (which,) * len(frame), frame, scale))
     return rows
 
 
@@ -186,7 +180,8 @@ def worst_places(size: Array) -> NDArray[np.bool_]:
     peak = (size > padded[:, :-2]) & (size >= padded[:, 2:])
     found = peak & (size >= NEARLY * np.max(size, axis=1, keepdims=True))
     found[np.arange(len(size)), np.argmax(size, axis=1)] = True
-    return found
+    result: NDArray[np.bool_] = found
+    return result
 
 
 def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Array:
@@ -203,4 +198,5 @@ def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Ar
             t * (t - 1) * (t - 2) / 6,
         ]
     )
-    return np.sum([weights[i][:, None, None] * rates[frame, first + i] for i in range(4)], axis=0)
+    found: Array = np.sum([weights[i][:, None, None] * rates[frame, first + i] for i in range(4)], axis=0)
+    return found

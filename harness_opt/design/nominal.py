@@ -16,16 +16,17 @@ import numpy as np
 from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.design.objective import Goal, goal_of
+from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
+from harness_opt.design.objective import Objective, objective_of
 from harness_opt.design.prices import Price, prices
 from harness_opt.design.relaxations import Relaxation, relaxations
-from harness_opt.design.result import Earlier, Redesign, VariableResult
+from harness_opt.design.result import AtBound, Earlier, Redesign, VariableResult
 from harness_opt.design.search import Verified, verified
 from harness_opt.design.sqp import Step
 from harness_opt.design.trade_off import TradeOff, check_pair, trade_off
-from harness_opt.design.trial import GUARD, Trial, Trials
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import design_variables
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.motion.follower import Progress
@@ -51,14 +52,13 @@ def check_design(problem: Problem) -> None:
         raise ProblemError(mistakes)
 
 
-def _active(trial: Trial, problem: Problem, goal: Goal) -> tuple[str, ...]:
+def _active(trial: Evaluated, problem: Problem, objective: Objective) -> tuple[LimitId | AtBound, ...]:
     """Return what holds the design where it is: limits near their bound, and variables at theirs."""
-    near = dict.fromkeys(
-        name for name, margin in zip(trial.rows.name, trial.rows.margin, strict=True) if margin < 2.0 * GUARD
-    )
+    rows = zip(trial.rows.limit, trial.rows.margin, strict=True)
+    near = dict.fromkeys(limit for limit, margin in rows if limit is not None and margin < 2.0 * GUARD)
     at_bound = [
-        f"{v.name} at its {side} bound"
-        for v, value, width in zip(problem.design.variables, trial.values, goal.range, strict=True)
+        AtBound(v.name, side)
+        for v, value, width in zip(problem.design.variables, trial.values, objective.range, strict=True)
         for side, bound in (("lower", v.lower), ("upper", v.upper))
         if abs(value - bound) < AT_BOUND * width
     ]
@@ -68,12 +68,12 @@ def _active(trial: Trial, problem: Problem, goal: Goal) -> tuple[str, ...]:
 class _Log:
     """The history of a redesign, and the best design met so far."""
 
-    def __init__(self, first: Trial | None, earlier: Earlier | None, watch: Watch | None):
+    def __init__(self, first: Evaluated | None, earlier: Earlier | None, watch: Watch | None):
         self.history: list[Step] = [] if earlier is None else list(earlier.history)
         self.best = first
         self._watch = watch
 
-    def __call__(self, step: Step, best: Trial) -> None:
+    def __call__(self, step: Step, best: Evaluated) -> None:
         self.history.append(step)
         self.best = best
         if self._watch:
@@ -81,7 +81,7 @@ class _Log:
 
 
 @one_thread
-def redesign(
+def nominal_redesign(
     problem: Problem,
     *,
     solver: str = "gauss-newton",
@@ -89,7 +89,7 @@ def redesign(
     watch: Watch | None = None,
     earlier: Earlier | None = None,
     pareto: tuple[str, str] | None = None,
-    asked: Mapping[str, float] | None = None,
+    asked: Mapping[LimitId, float] | None = None,
     throw: bool = True,
 ) -> Redesign:
     """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
@@ -115,11 +115,11 @@ def redesign(
     begin = time.perf_counter()
     scene = load_scene(problem)
     loaded = time.perf_counter()
-    trials, goal = Trials(problem, scene, solver, progress), goal_of(problem)
-    for name, margin in (asked or {}).items():
-        trials.asked[name] += margin
+    evaluate, objective = Evaluator(problem, scene, solver, progress), objective_of(problem)
+    for limit, margin in (asked or {}).items():
+        evaluate.asked[limit] += margin
     moved = design_variables.moved(problem)
-    first = trials(_begin(problem, goal, earlier), None)
+    first = evaluate(_begin(problem, objective, earlier), None)
     if moved or earlier or first is None:
         motion_before = simulate(problem, solver=solver, progress=progress, throw=False)
         clearances_before = measure(problem, scene, motion_before.motion, motion_before.cables)
@@ -136,36 +136,52 @@ def redesign(
         ends = _Ends(design_variables.values(problem), motion_before, clearances_before, limits_before, (), False)
     else:
         try:
-            found = verified(trials, goal, first, log)
-            ends = _ends_of(found, problem, goal)
+            found = verified(evaluate, objective, first, log)
+            ends = _ends_of(found, problem, objective)
             status, message = found.motion.status, found.motion.message
             if status.ok:
-                told = _reasons(trials, goal, found, log)
+                told = _reasons(evaluate, objective, found, log)
             if status.ok and pareto is not None:
-                curve = trade_off(trials, _named(problem, ends.values), pareto, log)
+                curve = trade_off(evaluate, _named(problem, ends.values), pareto, log)
         except KeyboardInterrupt:  # raised by ``progress``: the best design met is kept, verified or not
             status = Status.INTERRUPTED
             message = status.value
-            ends = _unverified(log.best or first, problem, goal)
+            ends = _unverified(log.best or first, problem, objective)
     variables = {
         v.name: VariableResult(float(b), float(a), v.lower, v.upper)
         for v, b, a in zip(problem.design.variables, design_variables.values(problem), ends.values, strict=True)
     }
     result = Redesign(
-        ends.motion.problem, problem, ends.motion, ends.clearances, ends.rows, limits_before, motion_before, variables,
-        len(log.history), tuple(log.history), ends.active, moved, *told, status.ok and ends.holds, status, message,
-        {"load": loaded - begin, "solve": time.perf_counter() - loaded}, curve,
-    )  # fmt: skip
+        problem=ends.motion.problem,
+        original=problem,
+        motion=ends.motion,
+        clearances=ends.clearances,
+        limits=ends.rows,
+        limits_before=limits_before,
+        motion_before=motion_before,
+        variables=variables,
+        iterations=len(log.history),
+        history=tuple(log.history),
+        active=ends.active,
+        moved=moved,
+        relaxations=told[0],
+        prices=told[1],
+        feasible=status.ok and ends.holds,
+        status=status,
+        message=message,
+        timing={"load": loaded - begin, "solve": time.perf_counter() - loaded},
+        trade_off=curve,
+    )
     if throw and not status.ok:
         raise SolveError(message, status, result)
     return result
 
 
-def _begin(problem: Problem, goal: Goal, earlier: Earlier | None) -> Array:
+def _begin(problem: Problem, objective: Objective, earlier: Earlier | None) -> Array:
     """Return the values (k,) of the first design."""
     if earlier is None:
-        return goal.centre
-    return np.clip([earlier.values[v.name] for v in problem.design.variables], goal.lower, goal.upper)
+        return objective.centre
+    return np.clip([earlier.values[v.name] for v in problem.design.variables], objective.lower, objective.upper)
 
 
 def _named(problem: Problem, values: Array) -> dict[str, float]:
@@ -180,25 +196,25 @@ class _Ends:
     motion: Motion
     clearances: ClearanceResult
     rows: tuple[LimitResult, ...]
-    active: tuple[str, ...]
+    active: tuple[LimitId | AtBound, ...]
     holds: bool
 
 
-def _ends_of(found: Verified, problem: Problem, goal: Goal) -> _Ends:
-    holds = found.holds(snaps=goal.snaps)
-    active = _active(found.trial, problem, goal)
+def _ends_of(found: Verified, problem: Problem, objective: Objective) -> _Ends:
+    holds = found.holds(snaps=objective.snaps)
+    active = _active(found.trial, problem, objective)
     return _Ends(found.trial.values, found.motion, found.clearances, found.rows, active, holds)
 
 
-def _unverified(best: Trial, problem: Problem, goal: Goal) -> _Ends:
+def _unverified(best: Evaluated, problem: Problem, objective: Objective) -> _Ends:
     rows = all_limits(best.motion.problem, best.motion, best.clearances)
-    return _Ends(best.values, best.motion, best.clearances, rows, _active(best, problem, goal), False)
+    return _Ends(best.values, best.motion, best.clearances, rows, _active(best, problem, objective), False)
 
 
 def _reasons(
-    trials: Trials, goal: Goal, found: Verified, log: _Log
+    evaluate: Evaluator, objective: Objective, found: Verified, log: _Log
 ) -> tuple[tuple[Relaxation, ...], tuple[Price, ...]]:
     """Return what would have to give where a limit is violated, and what limits and bounds cost where none is."""
-    if found.holds(snaps=goal.snaps):
-        return (), prices(trials.problem, goal, found.trial)
-    return relaxations(trials, goal, found.trial, log), ()
+    if found.holds(snaps=objective.snaps):
+        return (), prices(evaluate.problem, objective, found.trial)
+    return relaxations(evaluate, objective, found.trial, log), ()

@@ -1,7 +1,7 @@
 """What a search over designs is after: least change, least length, the largest margin, the least violation, or the
 least relaxation of one limit or bound.
 
-Every goal is a quadratic function of the design in the bounds' ranges plus, where it has soft limits, the worst
+Every objective is a quadratic function of the design in the bounds' ranges plus, where it has soft limits, the worst
 shortfall of those; all other limits are hard.
 """
 
@@ -14,12 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness_opt.design.evaluation import HELD, SNAP_COST, Evaluated
 from harness_opt.design.margins import Rows
-from harness_opt.design.trial import HELD, SNAP_COST, Trial
 from harness_opt.model import design_variables
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import Program
 from harness_opt.numerics.rotations import Array
+
+Limits = tuple[LimitId | None, ...]
 
 ROWS = 400  # most linearised limits in a quadratic program, the tightest first
 
@@ -40,8 +43,8 @@ class Beyond:
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
-    """A goal over k variables.
+class Objective:
+    """An objective over k variables.
 
     Args:
         weights: of squared changes, in ranges, (k,).
@@ -49,7 +52,7 @@ class Goal:
         gradient: of the linear part, per range, (k,).
         lower, upper: bounds, (k,).
         range: unit of the variables' changes, (k,).
-        soft: names of the limits whose worst shortfall counts in the objective; None is all of them.
+        soft: the limits whose worst shortfall counts in the objective; None is all of them.
         floor: the least that their shortfall counts for: 0 is content where they hold, -inf asks for margin.
         snaps: whether snaps are allowed.
         aim: in words.
@@ -62,7 +65,7 @@ class Goal:
     lower: Array
     upper: Array
     range: Array
-    soft: frozenset[str] | None = frozenset()
+    soft: frozenset[LimitId] | None = frozenset()
     floor: float = 0.0
     snaps: bool = False
     beyond: Beyond | None = None
@@ -91,10 +94,10 @@ class Goal:
 
     def _is_soft(self, rows: Rows) -> NDArray[np.bool_]:
         if self.soft is None:
-            return np.ones(len(rows.name), dtype=bool)
-        return np.array([name in self.soft for name in rows.name], dtype=bool)
+            return np.ones(len(rows.limit), dtype=bool)
+        return np.array([limit in self.soft for limit in rows.limit], dtype=bool)
 
-    def objective(self, trial: Trial) -> float:
+    def value(self, trial: Evaluated) -> float:
         """Return the objective of ``trial``, of order one."""
         smooth = self.preference(trial.values)
         soft = self._is_soft(trial.rows)
@@ -103,24 +106,25 @@ class Goal:
         shortfall = max(float(np.max(-trial.rows.margin[soft], initial=-np.inf)), self.excess(trial.values))
         return smooth + max(shortfall, self.floor)
 
-    def violation(self, trial: Trial) -> float:
+    def violation(self, trial: Evaluated) -> float:
         """Return by how much, in scales of a limit, the worst hard limit misses what is asked for; snaps on top."""
         hard = ~self._is_soft(trial.rows)
         worst = float(np.max(-trial.rows.margin[hard], initial=0.0))
         return worst + (0.0 if self.snaps else SNAP_COST * len(trial.motion.snaps))
 
-    def held(self, trial: Trial) -> bool:
+    def held(self, trial: Evaluated) -> bool:
         """Return whether the hard limits hold."""
         return self.violation(trial) <= HELD
 
-    def better(self, a: Trial, b: Trial) -> bool:
+    def better(self, a: Evaluated, b: Evaluated) -> bool:
         """Return whether ``a`` is to be preferred to ``b``: less violation, then the lower objective."""
         if self.held(a) and self.held(b):
-            return self.objective(a) < self.objective(b)
+            return self.value(a) < self.value(b)
         return self.violation(a) < self.violation(b)
 
-    def program(self, trial: Trial, trust: float, tried: Sequence[Trial] = ()) -> tuple[Program, tuple[str, ...]]:
-        """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and its rows' limits.
+    def program(self, trial: Evaluated, trust: float, tried: Sequence[Evaluated] = ()) -> tuple[Program, Limits]:
+        """Return the quadratic program at ``trial`` for a step in ranges of at most ``trust``, and which limits
+        its rows are of, None for a bound.
 
         Args:
             trial: where the step begins.
@@ -133,20 +137,20 @@ class Goal:
         rows = Rows.joined([trial.rows, *taught])
         tightest = np.argsort(rows.margin, kind="stable")[:ROWS]
         margin, rate, soft = rows.margin[tightest], rows.rate[tightest] * self.range, self._is_soft(rows)[tightest]
-        names = tuple(rows.name[i] for i in tightest)
+        limits = tuple(rows.limit[i] for i in tightest)
         if self.beyond is not None:
             number, side = self.beyond.number, self.beyond.side
             margin = np.append(margin, -self.excess(trial.values))
             rate = np.vstack([rate, -side * np.eye(len(self.range))[number]])
-            soft, names = np.append(soft, True), (*names, "bound")
+            soft, limits = np.append(soft, True), (*limits, None)
         lower, upper = self.limits()
         lowest = np.maximum((lower - trial.values) / self.range, -trust)
         highest = np.minimum((upper - trial.values) / self.range, trust)
         gradient = self.gradient + self.weights * (trial.values - self.centre) / self.range
-        return Program(self.weights, gradient, margin, rate, soft, self.floor, lowest, highest), names
+        return Program(self.weights, gradient, margin, rate, soft, self.floor, lowest, highest), limits
 
-    def least_violation(self) -> Goal:
-        """Return the goal of violating all limits as little as can be, and nothing else; content where they hold."""
+    def least_violation(self) -> Objective:
+        """Return the objective of violating all limits as little as can be; nothing more is asked where they hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
             self,
@@ -158,29 +162,29 @@ class Goal:
             aim="least violation",
         )
 
-    def relaxing(self, limits: frozenset[str] = frozenset(), bound: Beyond | None = None) -> Goal:
-        """Return the goal of passing ``limits``, or a bound as in ``beyond``, as little as can be; all others hold."""
+    def relaxing(self, limits: frozenset[LimitId] = frozenset(), bound: Beyond | None = None) -> Objective:
+        """Return the objective of passing ``limits``, or a bound, as little as can be; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
             self, weights=none, gradient=none, soft=limits, floor=0.0, beyond=bound, aim="least relaxation"
         )
 
-    def margin(self, limits: frozenset[str] | None) -> Goal:
-        """Return the goal of the largest worst margin of ``limits``, None for all; all others hold."""
+    def margin(self, limits: frozenset[LimitId] | None) -> Objective:
+        """Return the objective of the largest worst margin of ``limits``, None for all; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
             self, weights=none, gradient=none, soft=limits, floor=-np.inf, beyond=None, aim="largest margin"
         )
 
 
-def goal_of(problem: Problem) -> Goal:
+def objective_of(problem: Problem) -> Objective:
     """Return what the redesign of ``problem`` asks for."""
     lower, upper = design_variables.bounds(problem)
     design = problem.design
     width = upper - lower
     none = np.zeros(len(width))
     start = np.clip(design_variables.values(problem), lower, upper)
-    base = Goal(none, start, none, lower, upper, width, snaps=design.snaps)
+    base = Objective(none, start, none, lower, upper, width, snaps=design.snaps)
     if design.maximise == "margin":
         return base.margin(None)
     if design.minimise == "length":

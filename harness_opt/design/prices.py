@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.design.limit_keys import limit_keys
-from harness_opt.design.objective import Goal
-from harness_opt.design.trial import Trial
+from harness_opt.design.evaluation import Evaluated
+from harness_opt.design.limit_keys import is_between_cables, limit_keys
+from harness_opt.design.objective import Objective
+from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import solve
 
@@ -31,6 +32,7 @@ class Price:
         key: in the problem file, as ``limits.bend_radius``, ``parts.housing.clearance`` or
             ``design.variables.lead.length``.
         kind: of the limit; "lower" or "upper" for a bound.
+        part: whose own clearance limit it is; None for the others and for bounds.
         value: now, in SI units, of bounds in the unit of their key.
         saves: what giving way by one of those units would save: of the change, as a share of it; of the length of
             all cables, m; of the largest worst margin, what it would add, as a share of the limits.
@@ -39,57 +41,55 @@ class Price:
     """
 
     key: str
-    kind: str
+    kind: LimitKind | str
+    part: str | None
     value: float
     saves: float
     of: str
     buys: Mapping[str, float]
 
 
-def prices(problem: Problem, goal: Goal, best: Trial) -> tuple[Price, ...]:
+def prices(problem: Problem, objective: Objective, best: Evaluated) -> tuple[Price, ...]:
     """Return what costs something at the best design: limits, then bounds.
 
     Args:
         problem: whose keys they are.
-        goal: of its redesign.
+        objective: of its redesign.
         best: where that ended.
     """
-    program, names = goal.program(best, NEAR)
+    program, limits = objective.program(best, NEAR)
     answer = solve(program)
     of = problem.design.maximise or problem.design.minimise
-    objective = goal.objective(best)
-    if of == "change" and objective <= 0.0:
+    reached = objective.value(best)
+    if of == "change" and reached <= 0.0:
         return ()
     whole = sum(run.cable.length for run in problem.cables.values())
-    worth = {"change": 0.5 / objective if objective else 0.0, "length": whole, "margin": 1.0}[of]
+    worth = {"change": 0.5 / reached if reached else 0.0, "length": whole, "margin": 1.0}[of]
     found = []
     for key in limit_keys(problem):
-        own = np.array([name in key.labels for name in names])
-        multiplier = float(answer.multipliers[own].sum())
         # one key a limit: a part's own clearance where there is one, the general limit for cables
-        general = key.part is None and key.kind == "clearance"
-        if general:
-            own &= np.array([" to cable:" in name for name in names])
-            multiplier = float(answer.multipliers[own].sum())
+        general = key.part is None and key.kind is LimitKind.CLEARANCE
+        own = [limit in key.sets and not (general and not is_between_cables(limit)) for limit in limits]
+        multiplier = float(answer.multipliers[np.array(own)].sum())
         if multiplier * worth > LEAST:
-            number = _tightest(best, key.labels)
+            number = _tightest(best, key.sets)
             scale = float(best.rows.scale[number])
             # a scaled margin falls by 1 where a limit grows by its scale; of bend radii, by the limit itself
-            unit = key.limit if key.kind == "bend_radius" else scale
+            unit = key.limit if key.kind is LimitKind.BEND_RADIUS else scale
             buys = dict(zip((v.name for v in problem.design.variables), scale * best.rows.rate[number], strict=True))
-            found.append(Price(key.name, key.kind, key.limit, worth * multiplier / unit, of, buys))
+            found.append(Price(key.name, key.kind, key.part, key.limit, worth * multiplier / unit, of, buys))
     for number, multiplier in enumerate(answer.bounds):
         variable, side = problem.design.variables[number], 1 if multiplier > 0 else -1
         bound = variable.upper if side > 0 else variable.lower
-        at_bound = abs(best.values[number] - bound) < AT_BOUND * goal.range[number]
+        at_bound = abs(best.values[number] - bound) < AT_BOUND * objective.range[number]
         if at_bound and abs(multiplier) * worth > LEAST:
-            saves = worth * abs(float(multiplier)) / goal.range[number]
+            saves = worth * abs(float(multiplier)) / objective.range[number]
             kind = "upper" if side > 0 else "lower"
-            found.append(Price(f"design.variables.{variable.name}", kind, bound, float(saves), of, {}))
+            found.append(Price(f"design.variables.{variable.name}", kind, None, bound, float(saves), of, {}))
     return tuple(found)
 
 
-def _tightest(trial: Trial, labels: frozenset[str]) -> int:
-    """Return the number of the row with the smallest margin among those of ``labels``."""
-    own = [number for number, name in enumerate(trial.rows.name) if name in labels]
+def _tightest(trial: Evaluated, limits: frozenset[LimitId]) -> int:
+    """Return the number of the row with the smallest margin among those of ``limits``."""
+    own = [number for number, limit in enumerate(trial.rows.limit) if limit in limits]
     return min(own, key=lambda number: float(trial.rows.margin[number]))

@@ -10,13 +10,14 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from harness_opt.design import nominal as outer_loop
+from harness_opt.design import nominal
+from harness_opt.design.evaluation import GUARD
 from harness_opt.design.nominal import Watch
 from harness_opt.design.result import Earlier, Redesign
 from harness_opt.design.robustness import Robustness, Within, within
-from harness_opt.design.trial import GUARD
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model.design import Robust
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.motion.follower import Progress
 from harness_opt.numerics.threads import one_at_a_time
@@ -59,17 +60,17 @@ def redesign(
     """
     robust = problem.robust
     if robust is None:
-        return outer_loop.redesign(
+        return nominal.nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, throw=throw
         )
     if pareto is not None:
         raise ProblemError("robust: found tolerances, expected none for a trade-off curve, whose points know of none")
     scene = load_scene(problem)
     before = _within(problem, scene, robust)
-    asked: dict[str, float] = {}
+    asked: Mapping[LimitId, float] = {}
     rounds: list[_Round] = []
     while len(rounds) < ROUNDS:
-        found = outer_loop.redesign(
+        found = nominal.nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=None if rounds else earlier, asked=asked,
             throw=throw,
         )  # fmt: skip
@@ -77,7 +78,7 @@ def redesign(
         rounds.append(_Round(found, after, asked))
         if after is None or not found.feasible or found.status is Status.INTERRUPTED or rounds[-1].done(robust):
             break
-        asked = {name: (1.0 + SPARE) * allowance for name, allowance in after.allowances.items()}
+        asked = {limit: (1.0 + SPARE) * allowance for limit, allowance in after.allowances.items()}
     best = rounds[0]
     for this in rounds[1:]:
         best = this if this.better(best, robust) else best
@@ -92,7 +93,7 @@ class _Round:
 
     found: Redesign
     after: Within | None
-    asked: Mapping[str, float]
+    asked: Mapping[LimitId, float]
 
     def holds(self, robust: Robust) -> bool:
         return self.found.feasible and self.after is not None and self.after.holds(robust, GUARD)
@@ -101,9 +102,9 @@ class _Round:
         """Return whether it holds, and no limit that stands in its way was asked for more than it needs."""
         if self.after is None or not self.holds(robust):
             return False
-        needed, nominal = self.after.allowances, self.after.nominal
-        near = [name for name, asked in self.asked.items() if nominal[name] < asked + NEAR]
-        return all(self.asked[name] <= (1.0 + WASTE) * needed[name] + GUARD for name in near)
+        needed, margins = self.after.allowances, self.after.nominal
+        near = [limit for limit, asked in self.asked.items() if margins[limit] < asked + NEAR]
+        return all(self.asked[limit] <= (1.0 + WASTE) * needed[limit] + GUARD for limit in near)
 
     def better(self, other: _Round, robust: Robust) -> bool:
         """Return whether it holds more of what is asked for, or the same with less."""

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from harness_opt.design.limit_keys import LimitKey, limit_keys
-from harness_opt.design.objective import Beyond, Goal
+from harness_opt.design.evaluation import HELD, Evaluated, Evaluator
+from harness_opt.design.limit_keys import LimitKey, is_between_cables, limit_keys
+from harness_opt.design.objective import Beyond, Objective
 from harness_opt.design.search import SEARCH_STRIDE, verify
 from harness_opt.design.sqp import Note, descend
-from harness_opt.design.trial import HELD, Trial, Trials
 from harness_opt.model import design_variables
 from harness_opt.model.design import Variable
+from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import solve
 
@@ -41,6 +43,7 @@ class Relaxation:
         key: in the problem file, as ``limits.bend_radius``, ``parts.housing.clearance`` or
             ``design.variables.lead.length``.
         kind: of the limit; "lower" or "upper" for a bound.
+        part: whose own clearance limit it is; None for the others and for bounds.
         value: now, in SI units, of bounds in the unit of their key.
         share: of the violation that it carries at the design of least violation, from the multipliers.
         estimate: the value that would do, to first order from the multipliers.
@@ -49,7 +52,8 @@ class Relaxation:
     """
 
     key: str
-    kind: str
+    kind: LimitKind | str
+    part: str | None
     value: float
     share: float
     estimate: float
@@ -66,38 +70,38 @@ class _Candidate:
     share: float
 
 
-def relaxations(trials: Trials, goal: Goal, least: Trial, note: Note) -> tuple[Relaxation, ...]:
+def relaxations(evaluate: Evaluator, objective: Objective, least: Evaluated, note: Note) -> tuple[Relaxation, ...]:
     """Return what would do, the limits and bounds first that carry most of the violation.
 
     Args:
-        trials: of the problem.
-        goal: of its redesign.
+        evaluate: of the problem.
+        objective: of its redesign.
         least: the design of least violation.
         note: told of every iteration.
     """
-    violation = goal.least_violation().objective(least)
+    violation = objective.least_violation().value(least)
     if violation <= HELD:
         return ()
-    found = sorted(_candidates(trials.problem, goal, least), key=lambda c: -c.share)
-    return tuple(_relaxation(trials, goal, least, candidate, note) for candidate in found[:MOST])
+    found = sorted(_candidates(evaluate.problem, objective, least), key=lambda c: -c.share)
+    return tuple(_relaxation(evaluate, objective, least, candidate, note) for candidate in found[:MOST])
 
 
-def _candidates(problem: Problem, goal: Goal, least: Trial) -> list[_Candidate]:
-    program, names = goal.least_violation().program(least, NEAR)
+def _candidates(problem: Problem, objective: Objective, least: Evaluated) -> list[_Candidate]:
+    program, limits = objective.least_violation().program(least, NEAR)
     answer = solve(program)
-    carried: dict[str, float] = {}
-    for name, multiplier in zip(names, answer.multipliers, strict=True):
-        carried[name] = carried.get(name, 0.0) + float(multiplier)
+    carried: defaultdict[LimitId | None, float] = defaultdict(float)
+    for limit, multiplier in zip(limits, answer.multipliers, strict=True):
+        carried[limit] += float(multiplier)
     found = []
     for key in limit_keys(problem):
-        shares = [share for name, share in carried.items() if name in key.labels]
-        alone = key.part is None and key.kind == "clearance" and len([s for s in shares if s > CARRIES]) < 2
+        shares = [share for limit, share in carried.items() if limit in key.sets]
+        alone = key.part is None and key.kind is LimitKind.CLEARANCE and len([s for s in shares if s > CARRIES]) < 2
         if sum(shares) > CARRIES and not (alone and not _between_cables(carried, key)):
             found.append(_Candidate(key, None, sum(shares)))
     for number, multiplier in enumerate(answer.bounds):
         side = 1 if multiplier > 0 else -1
-        bound = goal.upper[number] if side > 0 else goal.lower[number]
-        at_bound = abs(least.values[number] - bound) < AT_BOUND * goal.range[number]
+        bound = objective.upper[number] if side > 0 else objective.lower[number]
+        at_bound = abs(least.values[number] - bound) < AT_BOUND * objective.range[number]
         if at_bound and abs(multiplier) > CARRIES:
             found.append(_Candidate(None, Beyond(number, side, _reach(problem, number)), abs(float(multiplier))))
     return found
@@ -119,33 +123,35 @@ def _bound(candidate: _Candidate) -> tuple[int, int]:
     return candidate.bound.number, candidate.bound.side
 
 
-def _between_cables(carried: Mapping[str, float], key: LimitKey) -> bool:
+def _between_cables(carried: Mapping[LimitId | None, float], key: LimitKey) -> bool:
     """Return whether the general clearance limit is in the way of cables, which have no limits of their own."""
-    return any(share > CARRIES and " to cable:" in name for name, share in carried.items() if name in key.labels)
+    return any(share > CARRIES and limit in key.sets and is_between_cables(limit) for limit, share in carried.items())
 
 
-def _relaxation(trials: Trials, goal: Goal, least: Trial, candidate: _Candidate, note: Note) -> Relaxation:
+def _relaxation(
+    evaluate: Evaluator, objective: Objective, least: Evaluated, candidate: _Candidate, note: Note
+) -> Relaxation:
     """Search for the least relaxation of one candidate alone, and check it."""
     key, bound = candidate.limit, candidate.bound
-    relaxing = goal.relaxing(frozenset() if key is None else key.labels, bound)
-    end = descend(trials, relaxing, least, SEARCH_STRIDE, note)
-    full = trials(end.values, end) if relaxing.held(end) else None
-    end = end if full is None else descend(trials, relaxing, full, 1, note)
-    first_order = goal.least_violation().objective(least) / candidate.share
-    amount = relaxing.objective(end)
-    tell = _describe(trials.problem, goal, least, candidate)
-    result = dataclasses.replace(tell, estimate=_value(goal, least, candidate, first_order))
+    relaxing = objective.relaxing(frozenset() if key is None else key.sets, bound)
+    end = descend(evaluate, relaxing, least, SEARCH_STRIDE, note)
+    full = evaluate(end.values, end) if relaxing.held(end) else None
+    end = end if full is None else descend(evaluate, relaxing, full, 1, note)
+    first_order = objective.least_violation().value(least) / candidate.share
+    amount = relaxing.value(end)
+    tell = _describe(evaluate.problem, objective, least, candidate)
+    result = dataclasses.replace(tell, estimate=_value(objective, least, candidate, first_order))
     if not relaxing.held(end):
         return result
     for _ in range(TRIES):
-        value = _rounded(tell.value, _value(goal, end, candidate, amount))
+        value = _rounded(tell.value, _value(objective, end, candidate, amount))
         if key is not None and value < 0:
             return result
-        relaxed = _relaxed(trials.problem, candidate, value)
-        again = Trials(relaxed, trials.scene, trials.solver, trials.progress)
+        relaxed = _relaxed(evaluate.problem, candidate, value)
+        again = Evaluator(relaxed, evaluate.scene, evaluate.solver, evaluate.progress)
         trial = again(end.values, end)
-        if trial is not None and verify(again, trial).holds(snaps=goal.snaps):
-            names = [variable.name for variable in trials.problem.design.variables]
+        if trial is not None and verify(again, trial).holds(snaps=objective.snaps):
+            names = [variable.name for variable in evaluate.problem.design.variables]
             return dataclasses.replace(
                 result, enough=value, variables=dict(zip(names, end.values.tolist(), strict=True))
             )
@@ -153,25 +159,25 @@ def _relaxation(trials: Trials, goal: Goal, least: Trial, candidate: _Candidate,
     return result
 
 
-def _describe(problem: Problem, goal: Goal, least: Trial, candidate: _Candidate) -> Relaxation:
+def _describe(problem: Problem, objective: Objective, least: Evaluated, candidate: _Candidate) -> Relaxation:
     if candidate.limit is not None:
         key = candidate.limit
-        return Relaxation(key.name, key.kind, key.limit, candidate.share, math.nan, None)
+        return Relaxation(key.name, key.kind, key.part, key.limit, candidate.share, math.nan, None)
     number, side = _bound(candidate)
     variable = problem.design.variables[number]
     bound = variable.upper if side > 0 else variable.lower
     kind = "upper" if side > 0 else "lower"
-    return Relaxation(f"design.variables.{variable.name}", kind, bound, candidate.share, math.nan, None)
+    return Relaxation(f"design.variables.{variable.name}", kind, None, bound, candidate.share, math.nan, None)
 
 
-def _value(goal: Goal, trial: Trial, candidate: _Candidate, amount: float) -> float:
+def _value(objective: Objective, trial: Evaluated, candidate: _Candidate, amount: float) -> float:
     """Return the limit or bound relaxed by ``amount``: scaled, or in the bound's range."""
     if candidate.limit is not None:
-        own = [s for s, n in zip(trial.rows.scale, trial.rows.name, strict=True) if n in candidate.limit.labels]
-        return candidate.limit.value(amount, float(max(own)))
+        rows = zip(trial.rows.scale, trial.rows.limit, strict=True)
+        return candidate.limit.value(amount, float(max(s for s, limit in rows if limit in candidate.limit.sets)))
     number, side = _bound(candidate)
-    bound = goal.upper[number] if side > 0 else goal.lower[number]
-    return float(bound + side * amount * goal.range[number])
+    bound = objective.upper[number] if side > 0 else objective.lower[number]
+    return float(bound + side * amount * objective.range[number])
 
 
 def _rounded(now: float, value: float) -> float:

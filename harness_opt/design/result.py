@@ -12,6 +12,7 @@ from harness_opt.design.robustness import Robustness
 from harness_opt.design.sqp import Step
 from harness_opt.design.trade_off import TradeOff
 from harness_opt.errors import Status
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion
 
@@ -24,6 +25,18 @@ class VariableResult:
     after: float
     lower: float
     upper: float
+
+
+@dataclass(frozen=True)
+class AtBound:
+    """A design variable that stands at one of its bounds; ``side`` is "lower" or "upper"."""
+
+    variable: str
+    side: str
+
+    def __str__(self) -> str:
+        """Return it in words: ``lead.length at its upper bound``."""
+        return f"{self.variable} at its {self.side} bound"
 
 
 @dataclass(frozen=True)
@@ -41,7 +54,7 @@ class Redesign:
         variables: before and after, by name.
         iterations: quadratic programs solved.
         history: of the iterations.
-        active: what holds the design where it is: limits by name, and variables at a bound.
+        active: what holds the design where it is: limits, and variables at a bound.
         moved: what did not stand where the design may begin, by name: where it stood, and where it was moved to first.
         relaxations: where no design holds all limits, what giving way in one of them or in one bound would do.
         prices: where all hold, what those cost that hold the design where it is.
@@ -63,7 +76,7 @@ class Redesign:
     variables: Mapping[str, VariableResult]
     iterations: int
     history: tuple[Step, ...]
-    active: tuple[str, ...]
+    active: tuple[LimitId | AtBound, ...]
     moved: Mapping[str, tuple[float, float]]
     relaxations: tuple[Relaxation, ...]
     prices: tuple[Price, ...]

@@ -17,6 +17,7 @@ import numpy as np
 from harness_opt.design.key_derivatives import Linear, linear
 from harness_opt.files.quantities import quantities_of
 from harness_opt.model.design import Robust
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
@@ -34,16 +35,16 @@ class Within:
     Args:
         share: of what is built that holds all limits.
         corner: smallest margin at any corner of the tolerances, a share of its limit; below 0 is violated.
-        by_limit: the share that holds each limit, by name.
+        by_limit: the share that holds each limit.
         nominal: by limit, the smallest margin of the nominal design, as a share of the limit.
         allowances: by limit, what that margin has to be at least.
     """
 
     share: float
     corner: float
-    by_limit: Mapping[str, float]
-    nominal: Mapping[str, float]
-    allowances: Mapping[str, float]
+    by_limit: Mapping[LimitId, float]
+    nominal: Mapping[LimitId, float]
+    allowances: Mapping[LimitId, float]
 
     def holds(self, robust: Robust, slack: float) -> bool:
         """Return whether the limits hold as ``robust`` asks, to within ``slack`` of a limit at corners."""
@@ -122,9 +123,9 @@ def judged(found: Linear, robust: Robust) -> Within:
     return Within(
         float(np.mean(np.all(held, axis=0))),
         float(np.min(corners)),
-        dict(zip(found.names, np.mean(held, axis=1).tolist(), strict=True)),
-        dict(zip(found.names, nominal.tolist(), strict=True)),
-        dict(zip(found.names, allowances.tolist(), strict=True)),
+        dict(zip(found.limits, np.mean(held, axis=1).tolist(), strict=True)),
+        dict(zip(found.limits, nominal.tolist(), strict=True)),
+        dict(zip(found.limits, allowances.tolist(), strict=True)),
     )
 
 
@@ -136,12 +137,13 @@ def _corners(found: Linear, half: Array) -> Array:
     if len(half) > MOST_CORNERED:
         return _least(found, (found.margin - np.abs(found.rate) @ half)[:, None])[:, 0]
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(half))))
-    return smallest(found, signs * half).min(axis=1)
+    result: Array = smallest(found, signs * half).min(axis=1)
+    return result
 
 
 def _least(found: Linear, margins: Array) -> Array:
     """Return the smallest of ``margins`` (m, n) of each limit, (limits, n)."""
-    return np.stack([margins[found.limit == i].min(axis=0) for i in range(len(found.names))])
+    return np.stack([margins[found.limit == i].min(axis=0) for i in range(len(found.limits))])
 
 
 def smallest(found: Linear, deviations: Array) -> Array:

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.clearance.limits import all_limits, limit_label
+from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Between, ClearanceResult
-from harness_opt.design.margins import scale_of
-from harness_opt.design.objective import Goal
+from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
+from harness_opt.design.objective import Objective
 from harness_opt.design.sqp import Note, descend
-from harness_opt.design.trial import GUARD, Trial, Trials
 from harness_opt.model import design_variables
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion
@@ -46,7 +45,7 @@ class Verified:
         rows: of all limits.
     """
 
-    trial: Trial
+    trial: Evaluated
     motion: Motion
     clearances: ClearanceResult
     rows: tuple[LimitResult, ...]
@@ -69,7 +68,7 @@ def spread(count: int, dimensions: int) -> Array:
     return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
 
 
-def search(trials: Trials, goal: Goal, trial: Trial, note: Note, *, near: bool = False) -> Trial:
+def search(evaluate: Evaluator, objective: Objective, trial: Evaluated, note: Note, *, near: bool = False) -> Evaluated:
     """Return the best design found from ``trial``, on all frames.
 
     The search uses half of the frames, and all of them to end with. Where it ends with a limit violated it begins again
@@ -78,95 +77,94 @@ def search(trials: Trials, goal: Goal, trial: Trial, note: Note, *, near: bool =
     no more than all frames.
     """
     if near:
-        best = descend(trials, goal, trial, 1, note)
-        if goal.held(best):
+        best = descend(evaluate, objective, trial, 1, note)
+        if objective.held(best):
             return best
-    best = descend(trials, goal, trial, SEARCH_STRIDE, note)
-    if not goal.held(best):
-        best = _elsewhere(trials, goal, best, note)
-    if not goal.held(best):
-        best = _redeemed(trials, goal, best, note)
-    full = trials(best.values, best)
+    best = descend(evaluate, objective, trial, SEARCH_STRIDE, note)
+    if not objective.held(best):
+        best = _elsewhere(evaluate, objective, best, note)
+    if not objective.held(best):
+        best = _redeemed(evaluate, objective, best, note)
+    full = evaluate(best.values, best)
     if full is None:
         return best
-    best = descend(trials, goal, full, 1, note)
-    return best if goal.held(best) else descend(trials, goal.least_violation(), best, 1, note)
+    best = descend(evaluate, objective, full, 1, note)
+    return best if objective.held(best) else descend(evaluate, objective.least_violation(), best, 1, note)
 
 
-def _redeemed(trials: Trials, goal: Goal, design: Trial, note: Note) -> Trial:
+def _redeemed(evaluate: Evaluator, objective: Objective, design: Evaluated, note: Note) -> Evaluated:
     """Return the design of least violation near ``design``, and where that holds all limits the best from there."""
-    least = descend(trials, goal.least_violation(), design, SEARCH_STRIDE, note)
-    return descend(trials, goal, least, SEARCH_STRIDE, note) if goal.held(least) else least
+    least = descend(evaluate, objective.least_violation(), design, SEARCH_STRIDE, note)
+    return descend(evaluate, objective, least, SEARCH_STRIDE, note) if objective.held(least) else least
 
 
-def _elsewhere(trials: Trials, goal: Goal, best: Trial, note: Note) -> Trial:
+def _elsewhere(evaluate: Evaluator, objective: Objective, best: Evaluated, note: Note) -> Evaluated:
     """Return the best found from other designs within the bounds, or ``best`` where none is better."""
     found = []
-    for start in _starts(goal):
-        look = trials(start, None, stride=LOOK_STRIDE, look=True)
+    for start in _starts(objective):
+        look = evaluate(start, None, stride=LOOK_STRIDE, quick=True)
         if look is not None:
             found.append(look)
-            if goal.held(look):
+            if objective.held(look):
                 break
-    for look in sorted(found, key=goal.violation)[:RESTARTS]:
-        scout = trials(look.values, look, stride=SEARCH_STRIDE)
+    for look in sorted(found, key=objective.violation)[:RESTARTS]:
+        scout = evaluate(look.values, look, stride=SEARCH_STRIDE)
         if scout is None:
             continue
-        end = _redeemed(trials, goal, scout, note)
-        best = end if goal.better(end, best) else best
-        if goal.held(best):
+        end = _redeemed(evaluate, objective, scout, note)
+        best = end if objective.better(end, best) else best
+        if objective.held(best):
             break
     return best
 
 
-def _starts(goal: Goal) -> Array:
-    """Return designs (n, k) within the bounds, evenly spread, the best for the goal first."""
-    count = len(goal.range)
-    starts = goal.lower + spread(STARTS * (1 + count), count) * goal.range
-    return starts[np.argsort([goal.preference(start) for start in starts], kind="stable")]
+def _starts(objective: Objective) -> Array:
+    """Return designs (n, k) within the bounds, evenly spread, the best for the objective first."""
+    count = len(objective.range)
+    starts = objective.lower + spread(STARTS * (1 + count), count) * objective.range
+    return starts[np.argsort([objective.preference(start) for start in starts], kind="stable")]
 
 
-def verified(trials: Trials, goal: Goal, design: Trial, note: Note) -> Verified:
+def verified(evaluate: Evaluator, objective: Objective, design: Evaluated, note: Note) -> Verified:
     """Search from ``design``, verify the end, ask for what is short there, and search again."""
     for attempt in range(VERIFICATIONS):
-        design = search(trials, goal, design, note, near=attempt > 0 and not trials.cold)
-        found = verify(trials, design)
-        if found.holds(snaps=goal.snaps) or not goal.held(design) or attempt == VERIFICATIONS - 1:
+        design = search(evaluate, objective, design, note, near=attempt > 0 and not evaluate.cold)
+        found = verify(evaluate, design)
+        if found.holds(snaps=objective.snaps) or not objective.held(design) or attempt == VERIFICATIONS - 1:
             break
         if _strayed(design, found.motion):
             # of two shapes of one pose the search followed another one than a start from nothing finds
-            trials.cold = True
+            evaluate.cold = True
         else:
-            _ask_for_more(trials, found)
-        again = trials(design.values, design)
+            _ask_for_more(evaluate, found)
+        again = evaluate(design.values, design)
         if again is None:
             break
         design = again
     return found
 
 
-def _ask_for_more(trials: Trials, found: Verified) -> None:
+def _ask_for_more(evaluate: Evaluator, found: Verified) -> None:
     """Ask in addition for what a verification found short."""
     for row in found.rows:
         if row.margin < 0:
             radius = found.motion.problem.cables[row.cable].cable.radius
-            name = limit_label(row.name, row.cable, row.part)
             # what is short by less than the search lets pass would otherwise stay so
-            trials.asked[name] += EXTRA * -row.margin / scale_of(row.name, row.limit, radius) + GUARD
+            evaluate.asked[row.id] += EXTRA * -row.margin / row.scale(radius) + GUARD
 
 
-def verify(trials: Trials, design: Trial) -> Verified:
+def verify(evaluate: Evaluator, design: Evaluated) -> Verified:
     """Simulate ``design`` anew on twice the frames and twice the elements; clearances are those between frames too."""
-    frames = trials.frames
-    problem = design_variables.rebased(trials.problem, design.values)
+    frames = evaluate.frames
+    problem = design_variables.rebased(evaluate.problem, design.values)
     fine = np.interp(np.linspace(0, 1, 2 * len(frames) - 1), np.linspace(0, 1, len(frames)), frames)
-    motion = _fine_motion(problem, fine, design, trials.solver)
+    motion = _fine_motion(problem, fine, design, evaluate.solver)
     between = Between(BetweenFrames(motion), motion.snaps)
-    clearances = measure(problem, trials.scene, motion.motion, motion.cables, between=between)
+    clearances = measure(problem, evaluate.scene, motion.motion, motion.cables, between=between)
     return Verified(design, motion, clearances, all_limits(problem, motion, clearances))
 
 
-def _fine_motion(problem: Problem, fine: Array, design: Trial, solver: str) -> Motion:
+def _fine_motion(problem: Problem, fine: Array, design: Evaluated, solver: str) -> Motion:
     """Simulate ``problem`` anew, from a cold start, on the frames ``fine`` and twice the elements."""
     begin = time.perf_counter()
     cables = {}
@@ -176,7 +174,7 @@ def _fine_motion(problem: Problem, fine: Array, design: Trial, solver: str) -> M
     return collect(problem, fine, cables, time.perf_counter() - begin)
 
 
-def _strayed(design: Trial, fine: Motion) -> bool:
+def _strayed(design: Evaluated, fine: Motion) -> bool:
     """Return whether the shapes of ``fine`` are others than those that the search saw in the same frames."""
     seen, new = design.motion, fine.motion
     _, ours, theirs = np.intersect1d(seen.motion, new, return_indices=True)

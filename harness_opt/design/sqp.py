@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.design.objective import Goal
-from harness_opt.design.trial import HELD, Trial, Trials
+from harness_opt.design.evaluation import HELD, Evaluated, Evaluator
+from harness_opt.design.objective import Objective
+from harness_opt.model.limits import LimitId
 from harness_opt.numerics.quadratic_program import solve
 from harness_opt.numerics.rotations import Array
 
@@ -27,12 +28,12 @@ LEAST_TRUST = 1e-5
 STEP_DONE = 1e-3  # a step below this, in the bounds' ranges, ends the search
 PROMISE = 1e-3  # of a violation or shortfall: a step that promises to take away less ends the search
 WORTH = 8.0  # times an objective of change or length: by a thousandth of that it may be missed
-TINY = 1e-9  # of such an objective: nothing
+LEAST_WORTH = 1e-9  # of such an objective counts as none
 LEAST_SHORT = 0.2  # in scales: of a smaller shortfall that share is taken of this
 MARGIN = 1e-3  # by how much a trial must improve on the designs met before
 FAILURES = 3  # in a row, where a limit is violated by more than WORST: other starts promise more
 SHRINK = 0.35  # of the step that failed: the next trust region
-TAUGHT, NEAR = 4, 3.0  # failed trials that are remembered, and within how many trust regions
+TAUGHT, NEAR = 4, 3.0  # failed designs that are remembered, and within how many trust regions
 ASTRAY = 0.1  # largest scaled violation of a design that the search goes on from for one step though it is no better
 WORST = 0.5  # largest scaled violation that a lower objective can excuse
 
@@ -45,7 +46,7 @@ class Step:
         aim: of the search, in words.
         objective: of the design tried.
         margin: its worst, scaled; >= 0 holds.
-        limit: which one that is.
+        limit: which one that is; None where there is none.
         amount: that margin in SI units, to first order.
         trust: radius of the trust region, in the bounds' ranges.
         step: largest change of a variable, in the bounds' ranges.
@@ -55,89 +56,89 @@ class Step:
     aim: str
     objective: float
     margin: float
-    limit: str
+    limit: LimitId | None
     amount: float
     trust: float
     step: float
     accepted: bool
 
 
-Note = Callable[[Step, Trial], None]  # told of every iteration, and of the best design met so far
+Note = Callable[[Step, Evaluated], None]  # told of every iteration, and of the best design met so far
 
 
-def descend(trials: Trials, goal: Goal, design: Trial, stride: int, note: Note) -> Trial:
+def descend(evaluate: Evaluator, objective: Objective, design: Evaluated, stride: int, note: Note) -> Evaluated:
     """Iterate from ``design`` until the step is small or the trust region is; return the best design met.
 
     Args:
-        trials: simulates designs.
-        goal: what is sought.
+        evaluate: simulates designs.
+        objective: what is sought.
         design: where to begin, with its derivatives.
         stride: of the motion's frames that are solved.
         note: told of every iteration.
 
     Raises:
-        KeyboardInterrupt: raised by the progress of ``trials``, or by ``note``.
+        KeyboardInterrupt: raised by the progress of ``evaluate``, or by ``note``.
     """
     trust, best = TRUST, design
-    met = [(goal.violation(design), goal.objective(design))]
-    tried: list[Trial] = []
-    home: Trial | None = None  # to return to, where the search has gone on from a design that was not acceptable
+    met = [(objective.violation(design), objective.value(design))]
+    tried: list[Evaluated] = []
+    home: Evaluated | None = None  # to return to, where the search has gone on from a design that was not acceptable
     failures = 0
     for _ in range(ITERATIONS):
-        step, promise = _step(goal, design, trust, _near(goal, design, tried, trust))
+        step, promise = _step(objective, design, trust, _near(objective, design, tried, trust))
         size = float(np.max(np.abs(step)))
-        if _done(goal, design, size, promise):
+        if _done(objective, design, size, promise):
             if home is None:
                 break
             design, home, trust = home, None, SHRINK * trust
             continue
-        trial = trials(design.values + step * goal.range, design, stride=stride)
-        accepted = trial is not None and _acceptable(goal.violation(trial), goal.objective(trial), met)
+        trial = evaluate(design.values + step * objective.range, design, stride=stride)
+        accepted = trial is not None and _acceptable(objective.violation(trial), objective.value(trial), met)
         if accepted and trial is not None:
-            met.append((goal.violation(trial), goal.objective(trial)))
+            met.append((objective.violation(trial), objective.value(trial)))
             trust = 2.0 * trust if size > 0.9 * trust else trust
             design, home = trial, None
-            best = design if goal.better(design, best) else best
-        elif home is None and trial is not None and goal.violation(trial) <= ASTRAY:
+            best = design if objective.better(design, best) else best
+        elif home is None and trial is not None and objective.violation(trial) <= ASTRAY:
             design, home = trial, design
             trust = min(trust, size)
         else:
             trust = SHRINK * min(trust, size)
             design, home = home or design, None
-        if not accepted and trial is not None and goal.violation(trial) <= WORST:
+        if not accepted and trial is not None and objective.violation(trial) <= WORST:
             tried = [*tried, trial][-TAUGHT:]
-        note(_told(goal, trial or design, trust, size, accepted), best)
+        note(_told(objective, trial or design, trust, size, accepted), best)
         failures = 0 if accepted else failures + 1
-        if trust < LEAST_TRUST or (failures >= FAILURES and goal.violation(design) > WORST):
+        if trust < LEAST_TRUST or (failures >= FAILURES and objective.violation(design) > WORST):
             break
     return best
 
 
-def _near(goal: Goal, design: Trial, tried: list[Trial], trust: float) -> list[Trial]:
+def _near(objective: Objective, design: Evaluated, tried: list[Evaluated], trust: float) -> list[Evaluated]:
     """Return those of ``tried`` that stand near enough to ``design`` for their linearised limits to hold there."""
     reach = NEAR * trust
-    return [t for t in tried if 0.0 < float(np.max(np.abs(t.values - design.values) / goal.range)) <= reach]
+    return [t for t in tried if 0.0 < float(np.max(np.abs(t.values - design.values) / objective.range)) <= reach]
 
 
-def _step(goal: Goal, design: Trial, trust: float, tried: list[Trial]) -> tuple[Array, float]:
+def _step(objective: Objective, design: Evaluated, trust: float, tried: list[Evaluated]) -> tuple[Array, float]:
     """Return the step (k,) in ranges, and what it promises of what it is after, as a share: violation, shortfall, or a
     few times the objective.
     """
-    program = goal.program(design, trust, tried)[0]
+    program = objective.program(design, trust, tried)[0]
     answer = solve(program)
-    if not goal.held(design):
+    if not objective.held(design):
         short = float(np.max(-program.margin[~program.soft], initial=0.0))
         return answer.step, (short - answer.slack) / short if short > 0.0 else np.inf
     if not np.any(program.soft):
         gain = -float(program.gradient @ answer.step + 0.5 * program.curvature @ answer.step**2)
-        return answer.step, gain / (WORTH * goal.objective(design) + TINY)
+        return answer.step, gain / (WORTH * objective.value(design) + LEAST_WORTH)
     short = float(np.max(-program.margin[program.soft]))
     return answer.step, (max(short, program.floor) - answer.shortfall) / max(abs(short), LEAST_SHORT)
 
 
-def _done(goal: Goal, design: Trial, size: float, promise: float) -> bool:
+def _done(objective: Objective, design: Evaluated, size: float, promise: float) -> bool:
     """Return whether a step of ``size`` with such a promise is not worth a simulation."""
-    return promise < PROMISE or size < (STEP_DONE if goal.held(design) else 1e-2 * STEP_DONE)
+    return promise < PROMISE or size < (STEP_DONE if objective.held(design) else 1e-2 * STEP_DONE)
 
 
 def _acceptable(violation: float, objective: float, met: list[tuple[float, float]]) -> bool:
@@ -149,8 +150,8 @@ def _acceptable(violation: float, objective: float, met: list[tuple[float, float
     )
 
 
-def _told(goal: Goal, design: Trial, trust: float, size: float, accepted: bool) -> Step:
+def _told(objective: Objective, design: Evaluated, trust: float, size: float, accepted: bool) -> Step:
     worst = design.worst
     margin = float(design.rows.margin[worst])
     amount = margin * float(design.rows.scale[worst])
-    return Step(goal.aim, goal.objective(design), margin, design.rows.name[worst], amount, trust, size, accepted)
+    return Step(objective.aim, objective.value(design), margin, design.rows.limit[worst], amount, trust, size, accepted)

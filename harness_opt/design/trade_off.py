@@ -14,19 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness_opt.design.evaluation import Evaluated, Evaluator
 from harness_opt.design.limit_keys import LimitKey, limit_keys
-from harness_opt.design.objective import Goal, goal_of
+from harness_opt.design.objective import Objective, objective_of
 from harness_opt.design.search import Verified, search, verified
 from harness_opt.design.sqp import Note
-from harness_opt.design.trial import Trial, Trials
 from harness_opt.errors import ProblemError
 from harness_opt.model.design import Design
+from harness_opt.model.limits import LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 
-LIMITS = ("clearance", "bend_radius", "twist", "clamp_force", "clamp_moment")
+LIMITS = tuple(kind.value for kind in LimitKind)
 AIMS = ("length", "change")
-FLOORS = ("clearance", "bend_radius")  # limits from below; the others are from above
+FLOORS = tuple(kind.value for kind in LimitKind if kind.is_least)
 EASY = 0.5  # of the limit: the easy end of the curve; of a limit from above, its inverse
 SAME = 1e-3  # relative: points nearer to each other in both quantities are one
 POINTS = 7
@@ -92,29 +93,29 @@ def check_pair(problem: Problem, pair: tuple[str, str]) -> None:
 
 
 def trade_off(
-    trials: Trials, begin: Mapping[str, float], pair: tuple[str, str], note: Note, points: int = POINTS
+    evaluate: Evaluator, begin: Mapping[str, float], pair: tuple[str, str], note: Note, points: int = POINTS
 ) -> TradeOff:
     """Return the trade-off curve of two quantities.
 
     Args:
-        trials: of the problem.
+        evaluate: of the problem.
         begin: values of a design to begin from, by name.
         pair: as :func:`quantities` gives it.
         note: told of every iteration.
         points: of the curve.
 
     Raises:
-        KeyboardInterrupt: raised by the progress of ``trials``.
+        KeyboardInterrupt: raised by the progress of ``evaluate``.
     """
-    problem = trials.problem
+    problem = evaluate.problem
     stepped, other = (pair[1], pair[0]) if pair[1] in LIMITS else (pair[0], pair[1])
     values = np.array([begin[variable.name] for variable in problem.design.variables])
     found: list[Point] = []
-    near: Trial | None = None
-    for level in _levels(trials, stepped, values, note, points):
+    near: Evaluated | None = None
+    for level in _levels(evaluate, stepped, values, note, points):
         limits = dataclasses.replace(problem.limits, **{stepped: level})
         posed = dataclasses.replace(problem, limits=limits, design=_design(problem, other))
-        again = Trials(posed, trials.scene, trials.solver, trials.progress)
+        again = Evaluator(posed, evaluate.scene, evaluate.solver, evaluate.progress)
         first = again(values, near)
         if first is None:
             continue
@@ -124,18 +125,18 @@ def trade_off(
     return TradeOff(*pair, stepped, _distinct(found))
 
 
-def _levels(trials: Trials, stepped: str, values: Array, note: Note, points: int) -> Array:
+def _levels(evaluate: Evaluator, stepped: str, values: Array, note: Note, points: int) -> Array:
     """Return the limits to set, the easy ones first: up to the best that can be reached."""
-    limit = getattr(trials.problem.limits, stepped)
+    limit = getattr(evaluate.problem.limits, stepped)
     easy = EASY * limit if stepped in FLOORS else limit / EASY
-    key = _key(trials.problem, stepped)
-    first = trials(values, None)
+    key = _key(evaluate.problem, stepped)
+    first = evaluate(values, None)
     if first is None:
         return np.linspace(easy, limit, points)
-    best = search(trials, goal_of(trials.problem).margin(key.labels), first, note)
+    best = search(evaluate, objective_of(evaluate.problem).margin(key.sets), first, note)
     # margins are scaled, and ask for a little more than the limit
-    shortfall = max(-float(m) for m, name in zip(best.rows.margin, best.rows.name, strict=True) if name in key.labels)
-    scale = max(float(s) for s, name in zip(best.rows.scale, best.rows.name, strict=True) if name in key.labels)
+    own = np.array([limit in key.sets for limit in best.rows.limit])
+    shortfall, scale = float(np.max(-best.rows.margin[own])), float(np.max(best.rows.scale[own]))
     reached = key.value(shortfall, scale)
     better = reached > easy if stepped in FLOORS else reached < easy
     return np.linspace(easy, reached if better else limit, points)
@@ -143,20 +144,20 @@ def _levels(trials: Trials, stepped: str, values: Array, note: Note, points: int
 
 def _key(problem: Problem, name: str) -> LimitKey:
     """Return the key of ``[limits]`` called ``name``."""
-    return next(key for key in limit_keys(problem) if key.kind == name and key.part is None)
+    return next(key for key in limit_keys(problem) if key.kind is LimitKind(name) and key.part is None)
 
 
 def _design(problem: Problem, aim: str) -> Design:
-    """Return the design table with ``aim`` for its goal, as far as it can be one."""
+    """Return the design table with ``aim`` for its objective, as far as it can be one."""
     if aim in AIMS:
         return dataclasses.replace(problem.design, minimise=aim, maximise=None)  # type: ignore[arg-type]
     return problem.design
 
 
-def _goal(given: Problem, posed: Problem, aim: str) -> Goal:
-    """Return the goal of making ``aim`` as good as can be; changes count from the design given."""
-    goal = goal_of(posed)
-    return goal if aim in AIMS else goal.margin(_key(given, aim).labels)
+def _goal(given: Problem, posed: Problem, aim: str) -> Objective:
+    """Return the objective of making ``aim`` as good as can be; changes count from the design given."""
+    objective = objective_of(posed)
+    return objective if aim in AIMS else objective.margin(_key(given, aim).sets)
 
 
 def _point(end: Verified, posed: Problem, pair: tuple[str, str], level: float) -> Point:
@@ -172,12 +173,14 @@ def _measured(end: Verified, posed: Problem, name: str) -> float:
     if name == "length":
         return sum(run.cable.length for run in end.motion.problem.cables.values())
     if name == "change":
-        goal = goal_of(
+        objective = objective_of(
             dataclasses.replace(posed, design=dataclasses.replace(posed.design, minimise="change", maximise=None))
         )
-        return float(np.sqrt(2.0 * goal.preference(end.trial.values) / max(float(goal.weights.sum()), 1e-300)))
-    own = {part for part, solid in posed.parts.items() if solid.clearance is not None}
-    worst = [row.worst for row in end.rows if row.name == name and row.part not in own]
+        return float(
+            np.sqrt(2.0 * objective.preference(end.trial.values) / max(float(objective.weights.sum()), 1e-300))
+        )
+    own = {Obstacle(part) for part, solid in posed.parts.items() if solid.clearance is not None}
+    worst = [row.worst for row in end.rows if row.name == name and row.id.obstacle not in own]
     return min(worst) if name in FLOORS else max(worst)
 
 

@@ -33,7 +33,7 @@ from harness_opt.files.write import problem_text
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
 from harness_opt.model.cable import REACH_TOLERANCE, Cable, CableRun, End
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
-from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Shape, Sphere
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
@@ -326,7 +326,7 @@ def _part(part: file_schema.PartTable, places: Places) -> Part:
     return Part(_shape(part, places), part.body, part.position, part.quaternion, part.clearance)
 
 
-def _shape(part: file_schema.PartTable, places: Places) -> Shape:
+def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
     if part.box is not None:
         return Box(part.box.size)
     if part.sphere is not None:

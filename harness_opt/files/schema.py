@@ -330,8 +330,12 @@ def structured(
 
 def schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of the problem file, with units and words on every key."""
-    generated = ProblemTable.model_json_schema(schema_generator=_FileSchema)
-    title = "Problem file of harness-opt"
+    return schema_of(ProblemTable, "Problem file of harness-opt")
+
+
+def schema_of(table: type[Table], title: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a file whose keys are those of ``table``."""
+    generated = table.model_json_schema(schema_generator=_FileSchema)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated, "title": title}
 
 

@@ -23,6 +23,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
+from harness_opt.model.limits import quoted
 from harness_opt.numerics import rotations
 
 KeyPath = tuple[str, ...]  # the keys that lead to a value
@@ -57,8 +58,7 @@ def shown(value: object) -> str:
 
 def dotted(path: KeyPath) -> str:
     """Return the keys of ``path`` joined by dots, quoted where TOML asks for quotes."""
-    bare = re.compile(r"[A-Za-z0-9_-]+")
-    return ".".join(key if bare.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in path)
+    return ".".join(quoted(key) for key in path)
 
 
 def one_of(names: Iterable[str], asked: object = "") -> str:

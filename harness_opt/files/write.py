@@ -20,7 +20,7 @@ from harness_opt.files.tolerance_table import content_of
 from harness_opt.model.bodies import Body, BodyMotion, Hinge, Poses, Slide
 from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.design import Limits
-from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Shape, Sphere
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
@@ -96,7 +96,8 @@ def _section(document: Any, name: str, tables: dict[str, Table]) -> None:
 
 
 def _inline(rows: Rows) -> InlineTable:
-    return _fill(tomlkit.inline_table(), [(key, value, "") for key, value, _ in rows])
+    found: InlineTable = _fill(tomlkit.inline_table(), [(key, value, "") for key, value, _ in rows])
+    return found
 
 
 def _numbers(values: Iterable[float] | None) -> list[float] | None:
@@ -143,7 +144,8 @@ def _cable(run: CableRun) -> Table:
         ("start", _end(run.start), ""),
         ("end", _end(run.end), ""),
     ]
-    return _fill(tomlkit.table(), rows)
+    found: Table = _fill(tomlkit.table(), rows)
+    return found
 
 
 def _end(end: End) -> InlineTable:
@@ -213,10 +215,11 @@ def _part(part: Part, places: Places) -> Table:
         ("quaternion", _numbers(part.quaternion) if turned else None, ""),
         ("clearance", None if part.clearance is None else float(part.clearance), "m"),
     ]
-    return _fill(tomlkit.table(), rows)
+    found: Table = _fill(tomlkit.table(), rows)
+    return found
 
 
-def _shape_rows(shape: Shape, places: Places) -> Rows:
+def _shape_rows(shape: MeshFile | Solid, places: Places) -> Rows:
     if isinstance(shape, MeshFile):
         return [
             ("mesh", _relative(shape.path, places.folder), ""),

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RotationSpline
 
 SHORTEST = 1e-9  # s between two rows of a table: no motion is told more finely, and speeds stay numbers
-RATE_SAMPLES = 2001  # of a tabulated motion, beside its own times, where its rates are looked up
 RATE_MARGIN = 1.1  # angular acceleration is not linear between those samples; sizes and angles there are
 
 
@@ -170,8 +169,9 @@ class Poses:
     @functools.cached_property
     def _sampled_rates(self) -> tuple[Array, Array]:
         """Motion values (n,), and there the origin's speed and acceleration, and the angular ones, (4, n)."""
+        rate_samples = 2001  # of a tabulated motion, beside its own times, where its rates are looked up
         span = self.times[-1] - self.times[0]
-        grid = np.union1d(np.linspace(0.0, 1.0, RATE_SAMPLES), (np.asarray(self.times) - self.times[0]) / span)
+        grid = np.union1d(np.linspace(0.0, 1.0, rate_samples), (np.asarray(self.times) - self.times[0]) / span)
         at = self.times[0] + grid * span
         position, rotation = self._splines
         rates = [position(at, 1), position(at, 2), rotation(at, 1), rotation(at, 2)]

@@ -13,8 +13,6 @@ from harness_opt.numerics import rotations
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-UNIT_TOLERANCE = 1e-6  # largest | |q| - 1 | that is taken as rounding of a typed unit quaternion
-
 
 def numbers(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
     """Return ``value`` as ``count`` finite floats, or raise ProblemError naming ``name``."""
@@ -29,8 +27,9 @@ def numbers(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
 
 def quaternion(name: str, value: ArrayLike) -> Quaternion:
     """Return ``value`` as a unit quaternion, or raise ProblemError naming ``name``."""
+    unit_tolerance = 1e-6  # largest | |q| - 1 | that is taken as rounding of a typed unit quaternion
     q = numbers(name, value, 4)
-    if abs(math.hypot(*q) - 1.0) > UNIT_TOLERANCE:
+    if abs(math.hypot(*q) - 1.0) > unit_tolerance:
         raise ProblemError(f"{name}: found a quaternion of length {math.hypot(*q):.6g}, expected a unit quaternion")
     return tuple(rotations.unit(q).tolist())
 

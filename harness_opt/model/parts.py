@@ -55,7 +55,7 @@ class Capsule:
     length: float
 
 
-Shape = MeshFile | Box | Sphere | Cylinder | Capsule
+Solid = Box | Sphere | Cylinder | Capsule
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Part:
         clearance: this part's own limit, m, or None for the general one.
     """
 
-    shape: Shape
+    shape: MeshFile | Solid
     body: str = WORLD
     position: Vector = (0.0, 0.0, 0.0)
     quaternion: Quaternion = rotations.IDENTITY

@@ -18,10 +18,10 @@ from harness_opt.numerics.rotations import Array
 
 THINNEST = 5e-5  # m, a thin human hair
 THICKEST = 0.3  # m, a submarine power cable
-LONGEST = 100.0  # m, a ship
+LONGEST_CABLE = 100.0  # m, a ship
 STOUTEST = 5.0  # diameters of length; below, shear and what the clamps do to the section count
-STIFFEST = 1.2e12  # Pa, Young's modulus of diamond
-SOFTEST = 1e3  # Pa, of jelly
+STIFFEST_MODULUS = 1.2e12  # Pa, Young's modulus of diamond
+SOFTEST_MODULUS = 1e3  # Pa, of jelly
 HEAVIEST = 2.26e4  # kg/m3, osmium
 LIGHTEST = 1.2  # kg/m3, air
 MOST_RATIO = 100.0  # of torsional to bending stiffness, either way; a round rod has 2/3 to 1
@@ -62,7 +62,7 @@ def _key_of_size(name: str, part: Part) -> str:
 def _cable(key: str, cable: Cable) -> Iterator[str]:
     """Yield what is odd about one cable."""
     length, diameter = cable.length, cable.diameter
-    if length > LONGEST:
+    if length > LONGEST_CABLE:
         yield f"{key}.length: found {length:g} m, longer than a ship"
     if diameter < THINNEST:
         yield f"{key}.diameter: found {diameter:g} m, thinner than a hair"
@@ -73,9 +73,9 @@ def _cable(key: str, cable: Cable) -> Iterator[str]:
     kx, ky, kz = cable.stiffness
     solid = math.pi * diameter**4 / 64  # m4, second moment of area of a full circle
     modulus = kx / solid if solid > 0 else math.inf
-    if modulus > STIFFEST:
+    if modulus > STIFFEST_MODULUS:
         yield f"{key}.bending_stiffness: found {kx:g} N m2, stiffer than a rod of diamond of that diameter"
-    elif modulus < SOFTEST:
+    elif modulus < SOFTEST_MODULUS:
         yield f"{key}.bending_stiffness: found {kx:g} N m2, softer than a rod of jelly of that diameter"
     ratio = kz / min(kx, ky)
     if not 1 / MOST_RATIO <= ratio <= MOST_RATIO:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from harness_opt.errors import Status
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array
 
@@ -17,19 +18,15 @@ STATIONS = 101  # equally spaced along the cable
 
 
 @dataclass(frozen=True)
-class CableMotion:
-    """The shapes of one cable over the motion, as in ``motion.npz``.
+class Quantities:
+    """What is known at stations along a cable; leading axes (...) count shapes, none for a single one.
 
     Args:
         s: arc lengths of the stations, m, (N,).
-        position: (P, N, 3), m.
-        quaternion: section frames, scalar first, (P, N, 4).
-        curvature: Darboux vector in the section frame, 1/m, (P, N, 3).
-        force, moment: internal, s+ side on s- side, world, N and N m, (P, N, 3).
-        stable: (P,), whether each shape is a stable equilibrium.
-        stability_margin: (P,), lowest eigenvalue of the second variation, dimensionless; below 0 is unstable.
-        residual: (P,), largest scaled residual of each frame.
-        estimated_error: (P,), of the shape, in lengths of the cable.
+        position: (..., N, 3), m.
+        quaternion: section frames, scalar first, (..., N, 4).
+        curvature: Darboux vector in the section frame, 1/m, (..., N, 3).
+        force, moment: internal, s+ side on s- side, world, N and N m, (..., N, 3).
     """
 
     s: Array
@@ -38,14 +35,27 @@ class CableMotion:
     curvature: Array
     force: Array
     moment: Array
+
+
+@dataclass(frozen=True)
+class CableMotion(Quantities):
+    """The shapes of one cable over the motion, as in ``motion.npz``; the quantities have the shape (P, N, ...).
+
+    Args:
+        stable: (P,), whether each shape is a stable equilibrium.
+        stability_margin: (P,), lowest eigenvalue of the second variation, dimensionless; below 0 is unstable.
+        residual: (P,), largest scaled residual of each frame.
+        estimated_error: (P,), of the shape, in lengths of the cable.
+    """
+
     stable: Array
     stability_margin: Array
     residual: Array
     estimated_error: Array
 
-    def first(self, frames: int) -> CableMotion:
-        """Return the first ``frames`` frames alone."""
-        cut = {f.name: getattr(self, f.name)[:frames] for f in dataclasses.fields(self) if f.name != "s"}
+    def frames(self, which: slice) -> CableMotion:
+        """Return the frames that ``which`` names alone."""
+        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name != "s"}
         return dataclasses.replace(self, **cut)
 
 
@@ -79,29 +89,44 @@ class LimitResult:
     """How one limit fared over the whole motion.
 
     Args:
-        name: "clearance", "bend_radius", "twist", "clamp_force" or "clamp_moment".
+        id: which limit.
         limit, worst: in SI units (twist in rad/m).
         margin: >= 0 holds; ``worst - limit`` for clearance and bend radius, ``limit - worst`` for the others.
-        cable: its name.
         frame, motion, arc_length: where the worst stands; the nearest frame, where that is between two.
-        part: name of the part, "cable:NAME" for another cable or for itself, or None.
         certified: True where no point between samples can be worse than ``worst`` by more than ``tolerance``.
         tolerance: in the unit of ``worst``.
         reason: why it is not certified, where it was tried.
     """
 
-    name: str
+    id: LimitId
     limit: float
     worst: float
     margin: float
-    cable: str
     frame: int
     motion: float
     arc_length: float
-    part: str | None
     certified: bool
     tolerance: float
     reason: str = ""
+
+    @property
+    def name(self) -> str:
+        """The kind of limit: "clearance", "bend_radius", "twist", "clamp_force" or "clamp_moment"."""
+        return str(self.id.kind.value)
+
+    @property
+    def cable(self) -> str:
+        """Name of the cable."""
+        return self.id.cable
+
+    @property
+    def part(self) -> str | None:
+        """What a clearance is measured to: name of the part, "cable:NAME" of a cable; None for other limits."""
+        return None if self.id.obstacle is None else self.id.obstacle.key
+
+    def scale(self, radius: float) -> float:
+        """Return what the margin is divided by to be comparable with others, SI; ``radius`` of the cable, m."""
+        return self.id.kind.scale(self.limit, radius)
 
 
 @dataclass(frozen=True)

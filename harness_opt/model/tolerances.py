@@ -20,8 +20,6 @@ from harness_opt.numerics.rotations import Array
 Distribution = Literal["uniform", "normal", "triangular"]
 DISTRIBUTIONS = ("uniform", "normal", "triangular")
 
-CUT = 4.0  # standard deviations at which a normal distribution that states no tolerance ends: one value in 16,000
-SHARE = 3.0  # standard deviations in the tolerance of one that states no deviation: one value in 370 is not built
 STANDARD = NormalDist()
 
 
@@ -61,7 +59,9 @@ class Tolerance:
     @classmethod
     def normal(cls, deviation: float, *, percent: bool = False, nominal: float | None = None) -> Tolerance:
         """Return a normal distribution of standard ``deviation``, cut off at four of them."""
-        return cls(CUT * deviation, percent, "normal", deviation, nominal)
+        # standard deviations at which a normal distribution that states no tolerance ends: one value in 16,000
+        normal_cut = 4.0
+        return cls(normal_cut * deviation, percent, "normal", deviation, nominal)
 
     @classmethod
     def between(cls, lower: float, upper: float) -> Tolerance:
@@ -73,7 +73,9 @@ class Tolerance:
     @property
     def _deviation(self) -> float:
         """Standard deviation of the normal distribution before it is cut, in half tolerances."""
-        return 1.0 / SHARE if self.deviation is None else self.deviation / self.plus_minus
+        # standard deviations in the tolerance of one that states no deviation: one value in 370 is not built
+        stated_deviations = 3.0
+        return 1.0 / stated_deviations if self.deviation is None else self.deviation / self.plus_minus
 
     def offsets(self, probability: Array) -> Array:
         """Return the values, -1 to 1 half tolerances from the nominal one, below which ``probability`` (...) lies."""
@@ -85,7 +87,8 @@ class Tolerance:
         low = STANDARD.cdf(-1.0 / self._deviation)
         inside = np.clip(low + p * (1.0 - 2.0 * low), 1e-300, 1.0 - 1e-16)
         found = [self._deviation * STANDARD.inv_cdf(float(share)) for share in inside.ravel()]
-        return np.clip(np.reshape(found, p.shape), -1.0, 1.0)
+        offsets: Array = np.clip(np.reshape(found, p.shape), -1.0, 1.0)
+        return offsets
 
     def half(self, nominal: float) -> float:
         """Return half the tolerance around ``nominal``, in the unit of the key."""

@@ -90,7 +90,7 @@ class BetweenFrames:
             guess = unknowns[k] + part * (unknowns[k + 1] - unknowns[k])
             solved = solve_on(posed, mesh, guess, SOLVER, STEP_ITERATIONS)
             near = solved.ok and not solved.turned
-            near = near and turning(solved.bound.unpack(guess).q, solved.rod.q) <= NEAR
+            near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= NEAR
             solves.append(solved if near else None)
         return solves
 

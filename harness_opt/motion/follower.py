@@ -1,7 +1,6 @@
 """Following one cable along the motion: frame by frame, over folds and lost stability.
 
-Where a shape is lost between two frames, the place is found by bisection, the cable let go there, and followed on from
-where it landed: what it does does not hang on where the frames stand.
+Where a shape is lost between two frames, the cable is released to a new one (:mod:`harness_opt.motion.snaps`).
 """
 
 from __future__ import annotations
@@ -12,34 +11,26 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
-from harness_opt.motion.common_mesh import lightened, moved_to
+from harness_opt.motion.cases import CableCases
+from harness_opt.motion.common_mesh import coarsened, on_mesh
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh
+from harness_opt.motion.snaps import recover
 from harness_opt.numerics.rotations import Array
-from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.stability import doubt, doubtful, stability, surely_stable
 from harness_opt.rod.states import Rod
 from harness_opt.statics.cold_start import cold_start
-from harness_opt.statics.continuation import follow, step, turning
+from harness_opt.statics.continuation import step
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
-from harness_opt.statics.release import is_stable, let_go
+from harness_opt.statics.release import is_stable
 from harness_opt.statics.solve import Solved, error_estimate, error_from_defects, resample, solve_on
 
-SAME_ENERGY = 1e-6  # relative difference below which two shapes of one pose are of one neutral family
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
-EDGE = 2.0**-13  # of the motion: how closely the place is found where a shape is lost
-JUMP = 0.2  # rad, largest turning of a section at the place of a loss above which the cable is said to have snapped
-COARSEST = 0.2  # smallest step in the search for that place: it halves the way itself
-MOST_LOSSES = 8  # between two frames
-LANDED = 1e-5  # estimated error, in L, of a shape that a cable is taken to land in
-MOST_MESHES = 40  # that were too coarse, in one motion
-LATER = 4  # times over further on that a landing is tried where there is none at the place of the loss itself
 
 Progress = Callable[[str, int, int], None]
 
 
-class Follower:
+class CableFollower:
     """Follows one cable along the motion.
 
     Args:
@@ -56,8 +47,7 @@ class Follower:
     ):
         self.problem, self.name, self.motion = problem, name, motion
         self.solver, self.elements, self.progress = solver, elements, progress
-        self.run = problem.cables[name]
-        self.gravity = np.asarray(problem.gravity)
+        self.cases = CableCases(problem, name, solver)
         self.ends = problem.ends(name, motion)
         self.frames = self._no_frames()
         self.snaps: list[tuple[int, float]] = []
@@ -74,13 +64,14 @@ class Follower:
             guesses: solves of a like motion to start from, one a frame or None.
             check: whether stability is checked, for BATCH frames at a time, and gone back to where it is lost.
         """
+        most_meshes = 40  # that were too coarse, in one motion
         checked, total = 0, len(self.motion)
         given: Sequence[Solved | None] = guesses or [None] * total
         begin = self._refined(self._start(first, given[0]))
         if begin is None:
             return Status.NO_START, self.failure(0, "no shape joins its two ends there")
         self.frames.append(begin)
-        while self.frames and self._meshes <= MOST_MESHES:
+        while self.frames and self._meshes <= most_meshes:
             lost, why = None, "the shape was lost and no stable one found again"
             while len(self.frames) < total and not (check and len(self.frames) - checked >= BATCH):
                 solved = self._advance(given[len(self.frames)])
@@ -100,10 +91,10 @@ class Follower:
                 lost, why = unstable, "the shape became unstable and no stable one was found"
                 self._cut(lost)
             if lost is not None:
-                landed = self._lose(lost)
-                if landed is None:
+                recovered = self._recover(lost)
+                if recovered is None:
                     return Status.STEP_TOO_SMALL, self.failure(lost, why)
-                self._append(landed)
+                self._append(recovered)
                 checked = len(self.frames)
             elif len(self.frames) == total:
                 return Status.OK, ""
@@ -111,30 +102,19 @@ class Follower:
                 checked = len(self.frames)
         return Status.STEP_TOO_SMALL, self.failure(len(self.frames), "no mesh serves for the frames before it too")
 
-    def _case(self, ends: tuple[End, End], near: Case | None) -> Case:
-        """Return the case of ``ends``, its quaternions signed like those of ``near``."""
-        posed = case(self.run.cable, *ends, self.gravity)
-        return (
-            posed if near is None else posed.signed_like(near.boundary.start_quaternion, near.boundary.end_quaternion)
-        )
-
-    def _path(self, near: Case) -> Callable[[float], Case]:
-        """Return the cases along the motion, signed like ``near``."""
-        return lambda at: self._case(self.problem.ends(self.name, [at])[0], near)
-
     def _start(self, first: Rod | None, guess: Solved | None) -> Solved | None:
         """Solve the first frame."""
-        posed = self._case(self.ends[0], None)
+        posed = self.cases.posed(self.ends[0], None)
         if first is not None:
             posed = posed.signed_like(first.q[0], first.q[-1])
             return solve_on(posed, first.mesh, resample(first, first.mesh), self.solver)
         if guess is not None:
-            posed = self._case(self.ends[0], guess.case)
+            posed = self.cases.posed(self.ends[0], guess.case)
             warm = step(posed, dataclasses.replace(guess, case=posed), None, 0.0, self.solver)
             if warm is not None:
                 return warm
-        bow = None if self.run.bow is None else np.asarray(self.run.bow)
-        return cold_start(self._case(self.ends[0], None), self.run.end.turns, bow, self.solver)
+        bow = None if self.cases.run.bow is None else np.asarray(self.cases.run.bow)
+        return cold_start(self.cases.posed(self.ends[0], None), self.cases.run.end.turns, bow, self.solver)
 
     def _refined(self, first: Solved | None) -> Solved | None:
         """Return the first shape resolved, on as many elements as were asked for; None where there is none."""
@@ -149,7 +129,7 @@ class Follower:
     def _advance(self, guess: Solved | None) -> Solved | None:
         """Solve the next frame from the last ones, or from ``guess``; None where the shape is lost."""
         k, here = len(self.frames), self.frames[-1]
-        target = self._case(self.ends[k], here.case)
+        target = self.cases.posed(self.ends[k], here.case)
         if guess is not None and np.array_equal(guess.bound.mesh, here.bound.mesh):
             warm = step(target, guess, None, 0.0, self.solver)
             if warm is not None:
@@ -159,7 +139,7 @@ class Follower:
         solved = step(target, here, before, ratio, self.solver)
         if solved is not None:
             return solved
-        solved, reached = follow(self._path(here.case), here, self.motion[k - 1], self.motion[k], self.solver)
+        solved, reached = self.cases.follow(here, self.motion[k - 1], self.motion[k])
         return solved if reached == self.motion[k] else None
 
     def _first_unstable(self, checked: int) -> int | None:
@@ -175,61 +155,20 @@ class Follower:
             first += len(frames)
         return None
 
-    def _lose(self, k: int) -> Solved | None:
-        """Find where the shape is lost between frames k - 1 and k, let go there, and follow to frame k; None in vain.
-
-        A cable that jumps there snaps; one that starts to lean out of its old shape there does not.
-        """
-        here, at, target = self.frames[k - 1], float(self.motion[k - 1]), float(self.motion[k])
-        for _ in range(MOST_LOSSES):
-            here, at, beyond = self._edge(here, at, target)
-            landed, where = self._land(here, beyond, target)
-            if landed is None:
-                return None
-            if turning(landed.rod.sample(here.rod.mesh).q, here.rod.q) > JUMP and not (
-                k == 1 and self._swing_start(landed, where)
-            ):
-                self.snaps.append((k, beyond))
-            solved, reached = follow(self._path(landed.case), landed, where, target, self.solver)
-            if reached == target and is_stable(solved, self.solver):
-                return solved
-            here, at = landed, where
-        return None
-
-    def _edge(self, here: Solved, at: float, target: float) -> tuple[Solved, float, float]:
-        """Return the last stable shape on the way from ``here`` to ``target``, its motion value, and one beyond."""
-        beyond = target
-        while True:
-            while abs(beyond - at) > EDGE:
-                middle = 0.5 * (at + beyond)
-                solved, reached = follow(self._path(here.case), here, at, middle, self.solver, COARSEST)
-                if reached == middle and is_stable(solved, self.solver):
-                    here, at = solved, middle
-                else:
-                    beyond = middle
-            # those steps may only have been too long: with short ones the shape is lost here, or goes on
-            solved, reached = follow(self._path(here.case), here, at, beyond, self.solver)
-            if beyond == target or reached != beyond or not is_stable(solved, self.solver):
-                return here, at, beyond
-            here, at, beyond = solved, beyond, target
-
-    def _land(self, here: Solved, beyond: float, target: float) -> tuple[Solved | None, float]:
-        """Let the cable go at ``beyond``, or further on where it lands nowhere; return where it landed, and when."""
-        for wait in np.linspace(0.0, 1.0, LATER + 1) ** 2:
-            where = beyond + float(wait) * (target - beyond)
-            landed = let_go(self._path(here.case)(where), here.rod, self.solver)
-            if landed is not None:
-                landed, _, status = refine(landed, LANDED, self.solver)  # a coarse mesh has shapes that no cable has
-                if status.ok and is_stable(landed, self.solver):
-                    return landed, where
-            if beyond == target:
-                break
-        return None, beyond
+    def _recover(self, k: int) -> Solved | None:
+        """Return frame k of a cable that lost its shape on the way to it, its snaps noted; None in vain."""
+        at, target = float(self.motion[k - 1]), float(self.motion[k])
+        found = recover(self.cases, self.frames[k - 1], at, target, is_first=k == 1)
+        self.snaps += [(k, where) for where in found.snaps]
+        if found.first is not None:
+            self.frames, self._errors = self._no_frames(), []
+            self._append(found.first)
+        return found.solved
 
     def _append(self, solved: Solved) -> None:
         """Add a frame; where its mesh is not that of the last one, on as light a one as does."""
         if self.frames and not np.array_equal(solved.bound.mesh, self.frames[-1].bound.mesh):
-            solved = lightened(solved, self.frames[-1], self.elements, self.solver)
+            solved = coarsened(solved, self.frames[-1], self.elements, self.solver)
         self.frames.append(solved)
 
     def _cut(self, count: int) -> None:
@@ -266,26 +205,11 @@ class Follower:
     def _go_on_from(self, last: int, mesh: Array) -> None:
         """Keep the frames up to ``last``, and that on another mesh; where it does not stay the same, one before it."""
         for k in range(last, -1, -1):
-            moved = moved_to(self.frames[k], mesh, self.solver)
+            moved = on_mesh(self.frames[k], mesh, self.solver)
             self._cut(k)
             if moved is not None:
                 self.frames.append(moved)
                 return
-
-    def _swing_start(self, landed: Solved, where: float) -> bool:
-        """Replace a first frame that may turn freely by the member of its family that leads to ``landed``.
-
-        Coaxial clamps and no weight leave the first shape undetermined up to a rotation; the next pose determines
-        it. Returns False where the way back from ``landed`` ends in another shape, which makes the jump a snap.
-        """
-        first, start = self.frames[0], float(self.motion[0])
-        swung, reached = follow(self._path(landed.case), landed, where, start, self.solver)
-        energy = float(first.rod.energy())
-        if reached != start or abs(float(swung.rod.energy()) - energy) > SAME_ENERGY * (1.0 + abs(energy)):
-            return False
-        self.frames, self._errors = self._no_frames(), []
-        self._append(swung)
-        return True
 
     def _no_frames(self) -> Stretches:
         """Return a place for frames."""

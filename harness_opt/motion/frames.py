@@ -24,8 +24,7 @@ from harness_opt.statics.solve import Solved, error_from_defects
 MOST_HELD = 200_000_000  # bytes of frames that stay in memory, of all cables of a problem together
 NODES_AT_A_TIME = 4096  # of which something is asked: each takes some 10 kB meanwhile
 MOST_AT_A_TIME = 256  # frames
-OBJECTS = 8_000  # bytes of a frame beside its numbers
-LAST = 20  # frames that are kept whatever they take: whoever follows a cable goes back by no more
+KEPT_FRAMES = 20  # frames that are kept whatever they take: whoever follows a cable goes back by no more
 
 
 class _Numbered(Sequence[Solved]):
@@ -130,7 +129,7 @@ class Frames(_Numbered):
         block, x = self._block, self._held[-1].solution.x
         if self._unknowns is None:
             self._unknowns = RowsOnDisk(len(x))
-        for first in range(len(self._stowed), (len(self) - LAST) // block * block, block):
+        for first in range(len(self._stowed), (len(self) - KEPT_FRAMES) // block * block, block):
             frames, bare = self._held[:block], []
             self._estimate(first // block, frames)
             for k, frame in enumerate(frames, first):
@@ -149,9 +148,10 @@ class Frames(_Numbered):
 
     def _count(self, frame: Solved) -> None:
         """Add what a frame takes; a factorised Jacobian that several share counts once."""
-        self._bytes += 2 * frame.solution.x.nbytes + OBJECTS  # with the states at the nodes
-        for factor in (frame.solution.factor, vars(frame).get("factor")):
-            if isinstance(factor, Factor) and id(factor) not in self._counted:
+        object_bytes = 8_000  # bytes of a frame beside its numbers
+        self._bytes += 2 * frame.solution.x.nbytes + object_bytes  # with the states at the nodes
+        for factor in frame.kept_factors():
+            if id(factor) not in self._counted:
                 self._counted.add(id(factor))
                 self._bytes += _bytes_of(factor)
 
@@ -222,7 +222,8 @@ def blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
 
 def _bytes_of(factor: Factor) -> int:
     """Return about what a factorised Jacobian takes: 12 bytes for each of its own entries, and 9 for SuperLU's."""
-    return 12 * factor.jacobian.nnz + (0 if factor.lu is None else 9 * factor.lu.nnz)
+    size: int = 12 * factor.jacobian.nnz + (0 if factor.lu is None else 9 * factor.lu.nnz)
+    return size
 
 
 def batch(frames: Sequence[Solved]) -> Rod:

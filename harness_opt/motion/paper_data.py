@@ -31,7 +31,6 @@ from harness_opt.motion.path import place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
-ORTHONORMAL = 1e-9  # most that the entries of A^T A may differ from the identity's: matrices typed in full, or computed
 # what NumPy raises on a file that is no npz archive of plain arrays: cut short, another program's, pickled, damaged
 UNREADABLE = (ValueError, EOFError, KeyError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
 
@@ -210,17 +209,17 @@ def disperse(
         raise ProblemError(f"cable: found {cable!r}, expected one of {', '.join(map(repr, problem.cables))}")
     if clamp not in ("start", "end"):
         raise ProblemError(f"clamp: found {clamp!r}, expected 'start' or 'end'")
-    held: End = getattr(problem.cables[cable], clamp)
-    if held.position is None or held.quaternion is None:
-        free = [name for name in ("position", "quaternion") if getattr(held, name) is None]
+    end: End = getattr(problem.cables[cable], clamp)
+    if end.position is None or end.quaternion is None:
+        free = [name for name in ("position", "quaternion") if getattr(end, name) is None]
         raise ProblemError(
             f"cables.{cable}.{clamp}: found an end without {' and '.join(free)}, expected both: only a clamp has a path"
         )
     if not problem.moves:
         raise ProblemError("bodies: found none with a motion, expected one: a clamp that stands still has no path")
-    position, quaternion = problem.poses(held.body, place_frames(problem, spatial_step))
-    position = position + rotations.rotate(quaternion, held.position)
-    return Path(position, rotations.matrix(rotations.multiply(quaternion, held.quaternion)))
+    position, quaternion = problem.poses(end.body, place_frames(problem, spatial_step))
+    position = position + rotations.rotate(quaternion, end.position)
+    return Path(position, rotations.matrix(rotations.multiply(quaternion, end.quaternion)))
 
 
 def profiles(motion: Motion, cable: str) -> tuple[Profile, ...]:
@@ -267,17 +266,19 @@ def _numbers(name: str, value: object, shape: tuple[int, ...], point: str) -> tu
 
 def _improper(rotation: Array, point: str) -> str:
     """Return which of the matrices (M, 3, 3) is the first that is no rotation, and why, or an empty text."""
+    # most that the entries of A^T A may differ from the identity's: matrices typed in full, or computed
+    orthonormal = 1e-9
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.max(np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)), axis=(1, 2))
-        bad = np.flatnonzero(~((off <= ORTHONORMAL) & (np.linalg.det(rotation) > 0)))
+        bad = np.flatnonzero(~((off <= orthonormal) & (np.linalg.det(rotation) > 0)))
     if not len(bad):
         return ""
     k = int(bad[0])
-    if off[k] <= ORTHONORMAL:
+    if off[k] <= orthonormal:
         return f"rotation: found a matrix of determinant -1 at {point} {k}, expected a rotation, determinant +1"
     return (
         f"rotation: found a matrix A at {point} {k} whose A^T A differs from the identity by {off[k]:.2g}, "
-        f"expected a rotation, at most {ORTHONORMAL:g}"
+        f"expected a rotation, at most {orthonormal:g}"
     )
 
 
@@ -321,8 +322,8 @@ def _load(file: File, name: str) -> tuple[Array, Array]:
                 raise ProblemError(f"{file}: found a single array, {wanted}")
             missing = {f"{name}/position", f"{name}/rotation"} - set(archive.files)
             if missing:
-                held = ", ".join(sorted(archive.files)) or "nothing"
-                raise ProblemError(f"{file}: found {held}, {wanted}")
+                found = ", ".join(sorted(archive.files)) or "nothing"
+                raise ProblemError(f"{file}: found {found}, {wanted}")
             position, rotation = (plain_array(f"{name}/{key}", archive, size) for key in ("position", "rotation"))
             return position, rotation
     except OSError as error:

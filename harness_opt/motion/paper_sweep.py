@@ -1,25 +1,23 @@
 """One cable over the motion by the paper's own transcription: section 4.2, one profile for each path point.
 
 The first shape is that of a cold start, each other begins at the profile before it, as published. There is no step
-control and no landing after a snap: where the equations do not lead to a shape that the collocation confirms, the
+control and no release after a snap: where the equations do not lead to a shape that the collocation confirms, the
 sweep ends and says so.
 """
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from harness_opt.errors import Status
+from harness_opt.model.cable import CableRun
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.model.results import CableMotion, Followed
 from harness_opt.motion.follower import Progress
-from harness_opt.motion.sweep import start_positions
+from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import case
-from harness_opt.rod.equations import Units
+from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
 from harness_opt.statics.cold_start import cold_start
@@ -40,18 +38,14 @@ def sweep_by_quadrature(
         problem: the problem.
         name: of the cable.
         motion: values of the frames.
-        options: number of points, closure, solver and tolerance; a number of points left open is settled by the first
+        options: number of points, closure, solver and tolerance; a number of points left open is found by the first
             frame and raised where a later one needs it.
         first: the shape to begin the first frame at; None leaves it to a cold start.
         progress: called with the cable's name, frames done, frames in all.
     """
-    run, units = problem.cables[name], rod_module.scale(problem.cables[name].cable)[1]
+    cable, units = problem.cables[name].cable, rod_module.scale(problem.cables[name].cable)[1]
     ends, gravity = problem.ends(name, motion), np.asarray(problem.gravity)
-    bow = None if run.bow is None else np.asarray(run.bow)
-    before = first
-    if before is None:
-        solved = cold_start(case(run.cable, *ends[0], gravity), run.end.turns, bow, START_SOLVER)
-        before = solved.rod if solved is not None and solved.ok else None
+    before = first or _first_shape(problem.cables[name], case(cable, *ends[0], gravity))
     frames: list[QuadratureSolve] = []
     judged: list[Stability] = []
     status, message = Status.OK, ""
@@ -60,7 +54,7 @@ def sweep_by_quadrature(
     try:
         while status.ok and before is not None and len(frames) < len(motion):
             k = len(frames)
-            posed = case(run.cable, *ends[k], gravity).signed_like(before.q[0], before.q[-1])
+            posed = case(cable, *ends[k], gravity).signed_like(before.q[0], before.q[-1])
             answer = solve_by_quadrature(posed, before, options)
             if not answer.status.ok:
                 status = answer.status
@@ -79,25 +73,18 @@ def sweep_by_quadrature(
     if not frames:
         return Followed(None, (), status, message)
     origins = start_positions(ends, np.array([frame.rod.r[-1] for frame in frames]), units)
-    return Followed(_cable_motion(frames, judged, origins, units), (), status, message)
+    shapes = CableMotion(
+        **vars(sampled((frame.rod for frame in frames), origins, units)),
+        stable=np.array([bool(one.stable) for one in judged]),
+        stability_margin=np.array([float(one.margin) for one in judged]),
+        residual=np.array([frame.residual for frame in frames]),
+        estimated_error=np.array([frame.error for frame in frames]),
+    )
+    return Followed(shapes, (), status, message)
 
 
-def _cable_motion(frames: list[QuadratureSolve], judged: list[Stability], origins: Array, units: Units) -> CableMotion:
-    """Return the plain arrays of solved frames at equally spaced stations."""
-    s = np.linspace(0.0, 1.0, STATIONS)
-    samples = [frame.rod.sample(s) for frame in frames]
-    r, q, force, moment, omega = (
-        np.stack([getattr(sample, field.name) for sample in samples]) for field in dataclasses.fields(samples[0])
-    )
-    return CableMotion(
-        s * units.length,
-        origins[:, None, :] + units.length * r,
-        q,
-        omega / units.length,
-        units.force * force,
-        units.moment * moment,
-        np.array([bool(one.stable) for one in judged]),
-        np.array([float(one.margin) for one in judged]),
-        np.array([frame.residual for frame in frames]),
-        np.array([frame.error for frame in frames]),
-    )
+def _first_shape(run: CableRun, posed: Case) -> Rod | None:
+    """Return the shape of a cold start; None where there is none."""
+    bow = None if run.bow is None else np.asarray(run.bow)
+    solved = cold_start(posed, run.end.turns, bow, START_SOLVER)
+    return solved.rod if solved is not None and solved.ok else None

@@ -1,4 +1,4 @@
-"""The path of the clamps: where on the motion the frames stand, and what the scene does without.
+"""The path of the clamps: where on the motion the frames are solved.
 
 The paper's dispersion, section 4.2: the trail of the moving clamp is cut into path points by a spatial step.
 """
@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
+from harness_opt.model import checks
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
-STEP_FRACTION = 0.01  # spatial step where none is given, in lengths of the longest cable
-LEVER = 0.25  # of the cable's length: a clamp's turn counts as the travel of a point that far away
-PATH_SAMPLES = 2001  # for measuring the path of the clamps
 MOST_FRAMES = 10_000  # of all cables together: at 0.2 MB each, while clearances are measured, they keep to 2 GB
 
 
@@ -29,15 +27,18 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
         ProblemError: a step that is not above 0, or longer than the whole trail of the clamps; more than MOST_FRAMES
             frames would be needed.
     """
-    if spatial_step is not None and not (np.isfinite(spatial_step) and spatial_step > 0):
-        raise ProblemError(f"spatial_step: found {spatial_step!r}, expected a number above 0")
+    path_samples = 2001  # for measuring the path of the clamps
+    lever_length = 0.25  # of the cable's length: a clamp's turn counts as the travel of a point that far away
+    step_fraction = 0.01  # spatial step where none is given, in lengths of the longest cable
+    if spatial_step is not None:
+        checks.positive("spatial_step", spatial_step)
     if not problem.moves:
         return np.zeros(1)
     longest = max(run.cable.length for run in problem.cables.values())
     asked = spatial_step or problem.spatial_step
-    allowed = asked or STEP_FRACTION * longest
-    grid = np.linspace(0.0, 1.0, PATH_SAMPLES)
-    increments = np.zeros(PATH_SAMPLES - 1)
+    allowed = asked or step_fraction * longest
+    grid = np.linspace(0.0, 1.0, path_samples)
+    increments = np.zeros(path_samples - 1)
     for run in problem.cables.values():
         for end in (run.start, run.end):
             position, quaternion = problem.poses(end.body, grid)
@@ -48,7 +49,7 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
                 np.linalg.norm(np.diff(quaternion, axis=0), axis=1),
                 np.linalg.norm(quaternion[1:] + quaternion[:-1], axis=1),
             )
-            increments = np.maximum(increments, np.maximum(moved, LEVER * run.cable.length * turned))
+            increments = np.maximum(increments, np.maximum(moved, lever_length * run.cable.length * turned))
     with np.errstate(over="ignore"):  # of a step that is nearly nothing; it is refused below
         run_so_far = np.concatenate([[0.0], np.cumsum(increments / allowed)])
     if asked and 0.0 < run_so_far[-1] < 1.0 - 1e-9:
@@ -64,7 +65,7 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
             f"at most {MOST_FRAMES // len(problem.cables)}"
         )
     count = int(steps) + 1
-    # clamps that rest for a while: the tiny slope keeps the inverse single-valued
+    # clamps that stand still for a while: the tiny slope keeps the inverse single-valued
     measure = run_so_far + 1e-6 * grid
     return np.interp(np.linspace(0.0, measure[-1], max(count, 2)), measure, grid)
 

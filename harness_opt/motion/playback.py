@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,21 +32,15 @@ from numpy.typing import NDArray
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import checks
 from harness_opt.model.cable import End
+from harness_opt.model.methods import INTERPOLATIONS, Interpolation
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.paper_data import Profile, solved
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
-Interpolation = Literal["exact", "linear"]
-INTERPOLATIONS = ("exact", "linear")
-
 AT_FRAME = 1e-12  # motion values this close are one: t / duration, rounded
 MOST_MOMENTS = 20_000
-BLOCK = 256  # moments computed together, so that long playbacks need no more memory than their profiles
-CLOSED = 1e-12  # what may be missing at the end clamp, in lengths of the cable and rad
-MOST_STEPS = 30  # of Newton's method; two to four are usual
-RANK = 1e-13  # eigenvalue, in the largest, below which a straight cable can't move its end that way
-SMALL = 1e-6  # rad, below which the coefficients of a rotation are those of none to rounding
+MOST_MISSED = 1e-12  # what may be missing at the end clamp, in lengths of the cable and rad
 E3 = np.array([0.0, 0.0, 1.0])
 
 
@@ -58,7 +51,7 @@ def display(
 
     The moments run from 0 to the problem's duration, both included; of a motion solved in part, over the frames it has.
     At a frame the profile is that frame's, between two it is interpolated: eq. (29), or as the module says of "exact".
-    Across a snap that is the older shape's, at rest ("linear") or on its clamps ("exact"), until the frame of the snap.
+    Across a snap that is the older shape's, still ("linear") or on its clamps ("exact"), until the frame of the snap.
 
     Args:
         motion: simulated.
@@ -108,13 +101,14 @@ def between(motion: Motion, cable: str, values: Array, interpolation: str) -> tu
     Raises:
         ProblemError, SolveError: as :func:`display`.
     """
+    moments_at_once = 256  # moments computed together, so that long playbacks need no more memory than their profiles
     if interpolation not in INTERPOLATIONS:
         expected = " or ".join(map(repr, INTERPOLATIONS))
         raise ProblemError(f"interpolation: found {interpolation!r}, expected {expected}")
     lead = solved(motion, cable)
     blocks = []
-    for first in range(0, len(values), BLOCK):
-        block = values[first : first + BLOCK]
+    for first in range(0, len(values), moments_at_once):
+        block = values[first : first + moments_at_once]
         here = _place(motion, cable, block)
         if interpolation == "linear":
             position, rotation = _linear(lead, here)
@@ -157,24 +151,12 @@ def _linear(lead: CableMotion, here: _Place) -> tuple[Array, Array]:
     """Interpolate the nodes as published, eq. (29), and the frames the shortest way."""
     w = here.weight[:, None, None]
     position = (1.0 - w) * lead.position[here.before] + w * lead.position[here.after]
-    return position, rotations.matrix(_slerp(lead.quaternion[here.before], lead.quaternion[here.after], w))
+    return position, rotations.matrix(_shortest(lead.quaternion[here.before], lead.quaternion[here.after], w))
 
 
-def _slerp(a: Array, b: Array, weight: Array) -> Array:
-    """Return the quaternions (..., 4) on the shortest way from ``a`` to ``b``."""
-    return rotations.multiply(a, rotations.from_rotation_vector(weight * _rotation_vector(_relative(a, b))))
-
-
-def _relative(a: Array, b: Array) -> Array:
-    return rotations.multiply(rotations.conjugate(a), b)
-
-
-def _rotation_vector(q: Array) -> Array:
-    """Return the rotation vectors (..., 3), of at most half a turn, of unit quaternions (..., 4)."""
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, np.abs(q[..., :1]))
-    factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
-    return np.copysign(factor, q[..., :1]) * q[..., 1:]
+def _shortest(a: Array, b: Array, weight: Array) -> Array:
+    """Return the quaternions (..., 4) at ``weight`` (..., 1) of the shortest way from ``a`` to ``b``."""
+    return rotations.slerp(a, np.copysign(1.0, np.sum(a * b, axis=-1, keepdims=True)) * b, weight)
 
 
 # --- "exact": blended curvatures, closed ------------------------------------------------------------------------
@@ -197,11 +179,11 @@ def _exact(motion: Motion, cable: str, values: Array, here: _Place) -> tuple[Arr
     if origin is None:
         origin = w * after[1][:, 0]  # from that of the frame before, which is 0
     if frame is None:
-        frame = rotations.matrix(_slerp(before[0][:, 0], after[0][:, 0], w))
+        frame = rotations.matrix(_shortest(before[0][:, 0], after[0][:, 0], w))
     curve = _Curve(origin, frame, turn, shift, np.diff(lead.s) / length)
     r, a, missing = _closed(curve, clamps, run.cable.stiffness)
-    if not np.all(missing <= CLOSED):
-        k = int(np.argmin(missing <= CLOSED))
+    if not np.all(missing <= MOST_MISSED):
+        k = int(np.argmin(missing <= MOST_MISSED))
         raise SolveError(
             f"cable {cable}, motion {values[k]:.4f}: no curve between frames {here.before[k]} and {here.after[k]} was "
             "found that meets the clamps; try a smaller motion.spatial_step, or the linear interpolation",
@@ -222,8 +204,9 @@ def _coefficients(turn: Array) -> tuple[Array, Array, Array]:
 
     Where cancellation costs their digits, what they multiply is as small: the poses lose none.
     """
+    small_angle = 1e-6  # rad, below which the coefficients of a rotation are those of none to rounding
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
-    t = np.maximum(angle, SMALL)
+    t = np.maximum(angle, small_angle)
     cotangent = (1.0 - 0.5 * t / np.tan(0.5 * t)) / t**2
     return 0.5 * np.sinc(0.5 * angle / np.pi) ** 2, (t - np.sin(t)) / t**3, cotangent
 
@@ -236,7 +219,9 @@ def _pieces(quaternion: Array, position: Array) -> tuple[Array, Array]:
 
     Returns rotation vectors and shifts, (..., N - 1, 3): integrals of omega and e3 over the piece, up to commutators.
     """
-    turn = _rotation_vector(_relative(quaternion[..., :-1, :], quaternion[..., 1:, :]))
+    turn = rotations.small_rotation_vector(
+        rotations.multiply(rotations.conjugate(quaternion[..., :-1, :]), quaternion[..., 1:, :])
+    )
     chord = rotations.rotate(rotations.conjugate(quaternion[..., :-1, :]), np.diff(position, axis=-2))
     across = rotations.cross(turn, chord)
     return turn, chord - 0.5 * across + _coefficients(turn)[2] * rotations.cross(turn, across)
@@ -336,13 +321,15 @@ def _closed(curve: _Curve, clamps: _Clamps, stiffness: Array) -> tuple[Array, Ar
     Gram matrix of the moments they cause, weighted by the compliance; and they are such that no force and no moment is
     left at the start where it is free to move.
     """
+    rank_tolerance = 1e-13  # eigenvalue, in the largest, below which a straight cable can't move its end that way
+    most_steps = 30  # of Newton's method; two to four are usual
     compliance = (stiffness.max() / stiffness)[:, None]
     weights = 0.5 * (np.append(curve.steps, 0.0) + np.append(0.0, curve.steps))[:, None, None]
-    for _ in range(MOST_STEPS):
+    for _ in range(most_steps):
         r, a = curve.nodes()
         gap = clamps.gap(r, a)
         missing = np.max(np.abs(gap), axis=1, initial=0.0)
-        if np.all(missing <= CLOSED) or not np.all(np.isfinite(missing)):
+        if np.all(missing <= MOST_MISSED) or not np.all(np.isfinite(missing)):
             break
         moments, force = clamps.loads(r, a)
         count = gap.shape[1]
@@ -354,7 +341,7 @@ def _closed(curve: _Curve, clamps: _Clamps, stiffness: Array) -> tuple[Array, Ar
         system[:, :count, :count] = np.swapaxes(rows, 1, 2) @ rows
         system[:, count:, :count] = free
         system[:, :count, count:] = np.swapaxes(free, 1, 2)
-        answer = np.linalg.pinv(system, rcond=RANK, hermitian=True)[:, :, :count] @ gap[..., None]
+        answer = np.linalg.pinv(system, rcond=rank_tolerance, hermitian=True)[:, :, :count] @ gap[..., None]
         change = compliance * (moments @ answer[:, None, :count])
         curve = curve.bent(change[..., 0]).moved(answer[:, count:-3, 0], answer[:, -3:, 0])
     return r, a, missing

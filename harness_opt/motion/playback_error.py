@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.model.cable import CableRun
+from harness_opt.model.methods import INTERPOLATIONS
 from harness_opt.model.results import Motion
 from harness_opt.motion.paper_data import solved
-from harness_opt.motion.playback import AT_FRAME, INTERPOLATIONS, between, moments
+from harness_opt.motion.playback import AT_FRAME, between, moments
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -73,7 +74,7 @@ def _compared(shown: tuple[Array, Array], truth: tuple[Array, Array], times: Arr
     """Return the errors of shown profiles, positions (T, N, 3) and rotations (T, N, 3, 3), against the true ones."""
     distance = np.linalg.norm(shown[0] - truth[0], axis=2)
     ends = {0: run.start, -1: run.end}
-    held = [node for node, end in ends.items() if end.position is not None]
+    clamped = [node for node, end in ends.items() if end.position is not None]
     turned = [node for node, end in ends.items() if end.quaternion is not None]
     # |A - B| in the Frobenius norm is sqrt(8) times the sine of half the angle between them
     sine = np.linalg.norm(shown[1][:, turned] - truth[1][:, turned], axis=(2, 3)) / np.sqrt(8.0)
@@ -81,11 +82,12 @@ def _compared(shown: tuple[Array, Array], truth: tuple[Array, Array], times: Arr
         float(distance.max()),
         float(times[distance.max(axis=1).argmax()]),
         float(np.abs(_length(shown[0]) / _length(truth[0]) - 1.0).max()),
-        float(distance[:, held].max(initial=0.0)),
+        float(distance[:, clamped].max(initial=0.0)),
         float(2.0 * np.arcsin(np.minimum(sine, 1.0)).max(initial=0.0)),
     )
 
 
 def _length(position: Array) -> Array:
     """Return the lengths (T,) of the polygons through nodes (T, N, 3)."""
-    return np.linalg.norm(np.diff(position, axis=1), axis=2).sum(axis=1)
+    lengths: Array = np.linalg.norm(np.diff(position, axis=1), axis=2).sum(axis=1)
+    return lengths

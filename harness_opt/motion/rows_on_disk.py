@@ -11,8 +11,6 @@ import numpy as np
 
 from harness_opt.numerics.rotations import Array
 
-LARGE = "/var/tmp"  # where systems keep large temporary files: /tmp may be memory itself (file-hierarchy(7))
-
 
 class RowsOnDisk:
     """Rows of equal width by number, from 0 on; what the disk does not take stays in memory.
@@ -55,7 +53,8 @@ class RowsOnDisk:
 
 def _nameless() -> IO[bytes] | None:
     """Return an empty file without a name, in $TMPDIR or else where large ones belong; None where there is no room."""
-    folder = None if "TMPDIR" in os.environ or not os.access(LARGE, os.W_OK | os.X_OK) else LARGE
+    large_files = "/var/tmp"  # where systems keep large temporary files: /tmp may be memory itself (file-hierarchy(7))
+    folder = None if "TMPDIR" in os.environ or not os.access(large_files, os.W_OK | os.X_OK) else large_files
     try:
         return tempfile.TemporaryFile(dir=folder, buffering=0)
     except OSError:

@@ -17,10 +17,6 @@ from harness_opt.rod.boundary import Boundary
 from harness_opt.rod.equations import Section
 from harness_opt.rod.states import Rod
 
-# The rates of the states at the nodes are exact; what is sampled between the nodes follows from them by a central
-# difference of the sampling alone, with a step that turns no section by more than this, rad.
-SAMPLING_STEP = 1e-4
-
 
 @dataclass(frozen=True)
 class ShapeRates:
@@ -118,13 +114,16 @@ def shape_rates(swept: Sweep, clamps: ClampRates, stations: Array, *, exact: boo
         exact: False takes the factors that the solver has left behind, of a frame nearby: mostly good to a per cent, at
             worst to a tenth (lift_arm, drawer), for a step of an optimiser.
     """
+    # The rates of the states at the nodes are exact; what is sampled between the nodes follows from them by a central
+    # difference of the sampling alone, with a step that turns no section by more than this, rad.
+    sampling_step = 1e-4
     nodes, rod, units = _node_rates(swept, clamps, exact), swept.rod, swept.units
     count, frames = len(clamps.length), len(swept.frames)
     here = rod.sample(stations)
     out = {name: np.zeros((frames, len(stations), 3, count)) for name in ("r", "omega", "force", "moment")}
     for j in range(count):
         largest = max(float(np.max(np.abs(nodes.q[..., j]))), 1e-12)
-        step = SAMPLING_STEP / largest
+        step = sampling_step / largest
         ahead = _moved(rod, nodes, j, step).sample(stations)
         # one side is good to SAMPLING_STEP: far better than factors of a frame nearby
         behind, apart = (_moved(rod, nodes, j, -step).sample(stations), 2.0 * step) if exact else (here, step)

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError, SolveError, Status
+from harness_opt.model.methods import check_method
 from harness_opt.model.problem import Problem, left_out
 from harness_opt.model.results import Followed, Motion, Snap
 from harness_opt.motion.follower import Progress
@@ -21,7 +22,7 @@ from harness_opt.motion.sweep import TOLERANCE, followed, sweep
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.states import Rod
-from harness_opt.statics.equilibrium import Shape, check_method
+from harness_opt.statics.equilibrium import Shape
 from harness_opt.statics.paper_pose import Quadrature
 
 
@@ -114,7 +115,7 @@ def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], sec
     return Motion(
         problem,
         motion[:frames],
-        {name: shapes.first(frames) for name, shapes in solved.items()},
+        {name: shapes.frames(slice(frames)) for name, shapes in solved.items()},
         failed[0].status if failed else Status.OK,
         "; ".join(found.message for found in failed),
         tuple(snaps),

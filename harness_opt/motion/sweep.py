@@ -1,11 +1,11 @@
 """One cable followed from frame to frame.
 
-Each shape starts from the last ones; a cable that loses its shape is let go and lands where its energy is least.
+Each shape starts from the last ones; a cable that loses its shape is released to one of less energy.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,22 +14,21 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities
 from harness_opt.motion.common_mesh import on_one_mesh
-from harness_opt.motion.follower import Follower, Progress
+from harness_opt.motion.follower import CableFollower, Progress
 from harness_opt.motion.frames import Frames, batch, blocks
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.corrections import settled
+from harness_opt.statics.corrections import solve_along_near_null
 from harness_opt.statics.mesh import finer_mesh
 from harness_opt.statics.solve import Solved, resample, solve_on
 
-Rigour = Literal["full", "stable", "look"]
+Rigour = Literal["full", "stable", "quick look"]
 
-FEW = 20  # frames that are too inaccurate, up to which their valleys are looked for
 TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
@@ -104,26 +103,26 @@ def sweep(
         first: the shape of the first frame, of a like cable; None leaves it to a cold start.
         guesses: solves of a like motion to start from, one a frame or None.
         rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
-            the same; "look" leaves out stability and accuracy both, for a first look at a design.
+            the same; "quick look" leaves out stability and accuracy both.
         progress: called with the cable's name, frames done, frames in all.
     """
-    look = rigour == "look"
-    follower = Follower(problem, name, motion, solver, elements or 0, progress)
+    quick_look = rigour == "quick look"
+    follower = CableFollower(problem, name, motion, solver, elements or 0, progress)
     try:
-        status, message = follower.run_all(first, guesses, check=not look)
+        status, message = follower.run_all(first, guesses, check=not quick_look)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
         status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
     frames = on_one_mesh(follower.frames, solver)
     if len(frames) < len(follower.frames):
         status, message = Status.STEP_TOO_SMALL, follower.failure(len(frames), "no mesh serves for all frames")
-    units = rod_module.scale(follower.run.cable)[1]
+    units = rod_module.scale(problem.cables[name].cable)[1]
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
         return Sweep(frames, np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
     errors = np.full(len(frames), np.nan)
-    if not look:
+    if not quick_look:
         frames, errors = accurate(frames, tolerance, solver)
-    if not look and status.ok and not np.max(errors) <= tolerance:
+    if not quick_look and status.ok and not np.max(errors) <= tolerance:
         worst = int(np.argmax(errors))
         status = Status.INACCURATE
         message = (
@@ -149,12 +148,15 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
     """Return the frames on a mesh, one for all, on which every estimated error is at most ``tolerance`` where
     possible.
     """
+    few_frames = 20  # frames that are too inaccurate, up to which their near-null directions are looked for
     before = np.inf
     while True:
         errors, local = frames.errors()
         loose = np.flatnonzero(~(errors <= tolerance))
-        if 0 < len(loose) <= FEW:
-            changed = {k: walked for k in loose.tolist() if (walked := settled(frames[k])) is not frames[k]}
+        if 0 < len(loose) <= few_frames:
+            changed = {
+                k: better for k in loose.tolist() if (better := solve_along_near_null(frames[k])) is not frames[k]
+            }
             if changed:
                 frames = Frames((changed.get(k, frame) for k, frame in enumerate(frames)), frames.most_held)
                 errors, local = frames.errors()
@@ -175,30 +177,35 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
         frames = again
 
 
+def sampled(rods: Iterable[Rod], origins: Array, units: Units, stations: int = STATIONS) -> Quantities:
+    """Return the quantities at equally spaced stations, with a leading axis of P frames.
+
+    Args:
+        rods: the shapes of the frames in turn, one or many of them a rod.
+        origins: world positions of the cable's start, (P, 3), m.
+        units: of the cable.
+        stations: their number N.
+    """
+    s, shape = np.linspace(0.0, 1.0, stations), (len(origins), stations)
+    vectors = {name: np.empty((*shape, 3)) for name in ("position", "curvature", "force", "moment")}
+    whole, first = Quantities(s=s * units.length, quaternion=np.empty((*shape, 4)), **vectors), 0
+    for rod in rods:  # into their places block by block: all frames are not there twice
+        some = slice(first, first + (len(rod.q) if rod.q.ndim == 3 else 1))
+        block = rod.sample(s).in_si(whole.s, units, origins[some])
+        for name in (*vectors, "quaternion"):
+            getattr(whole, name)[some] = getattr(block, name)
+        first = some.stop
+    return whole
+
+
 def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
     """Return the plain arrays of a sweep at equally spaced stations."""
-    units = swept.units
-    s, count = np.linspace(0.0, 1.0, stations), len(swept.frames)
-    # a block at a time into its place: all frames are not there twice
-    r, omega, force, moment = (np.empty((count, stations, 3)) for _ in range(4))
-    q, first = np.empty((count, stations, 4)), 0
-    for rods in blocks(swept.frames):
-        some = slice(first, first + len(rods.q))
-        samples, first = rods.sample(s), some.stop
-        r[some] = swept.origins[some, None, :] + units.length * samples.r
-        q[some], omega[some] = samples.q, samples.omega / units.length
-        force[some], moment[some] = units.force * samples.force, units.moment * samples.moment
     return CableMotion(
-        s * units.length,
-        r,
-        q,
-        omega,
-        force,
-        moment,
-        swept.stability.index == 0,
-        swept.stability.margin,
-        np.array([frame.solution.residual for frame in swept.frames]),
-        swept.errors,
+        **vars(sampled(blocks(swept.frames), swept.origins, swept.units, stations)),
+        stable=swept.stability.index == 0,
+        stability_margin=swept.stability.margin,
+        residual=np.array([frame.solution.residual for frame in swept.frames]),
+        estimated_error=swept.errors,
     )
 
 

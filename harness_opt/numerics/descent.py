@@ -1,4 +1,4 @@
-"""Going down an energy under a few constraints, in steps short enough to stay in its own valley.
+"""Minimising an energy under a few constraints, in steps short enough to reach the minimum next to the initial guess.
 
 Newton's method with a shift, on the manifold that the constraints leave: a step solves
 
@@ -7,7 +7,7 @@ Newton's method with a shift, on the manifold that the constraints leave: a step
 is taken only where H + shift W is positive on what the constraints leave, which the inertia of the bordered matrix
 tells (Nocedal and Wright, "Numerical Optimization", theorem 16.3), where it is short, and where the energy falls as
 it should. A long shift makes it a step of implicit Euler through a viscous medium, none makes it Newton's; so the end
-is a minimum, not a saddle but one that was begun at. Steps go back onto the constraints by the same matrix
+is a minimum, and a saddle only where the initial guess was one. Steps go back onto the constraints by the same matrix
 (second-order correction, section 18.3).
 """
 
@@ -18,29 +18,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.numerics.interface import Array, Expansion, Landscape
+from harness_opt.numerics.interface import Expansion, Landscape
 from harness_opt.numerics.linear import symmetric
+from harness_opt.numerics.rotations import Array
 
 FIRST_SHIFT = 10.0  # in the metric of the landscape: a step through a stiff medium
 LEAST_SHIFT, MOST_SHIFT = 1e-13, 1e13
-AT_REST_SHIFT = 3e-7  # a medium that resists less than this, of the multipliers' size, hides no way down
-AT_REST_STEP, NO_GAIN = 1e-2, 1e-10  # rad; of the energy: a last step is shorter, and what it gains less
-LAST_STEP = 5e-3  # rad: of one of Newton's own that is shorter its square is left
-NEAR_REST = 0.3  # of the longest step: after a good one that is shorter, one without a shift is tried
+NEWTON_SHIFT = 3e-7  # a shift below this, in the multipliers' size, hides no direction of descent
+SMALL_STEP, NO_GAIN = 1e-2, 1e-10  # rad; of the energy: a last step is shorter, and what it gains less
 SUFFICIENT, GOOD, POOR = 0.05, 0.7, 0.25  # parts of the predicted fall of the energy
-IDLE = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides the rest
-ON = 1e-6  # constraints are held to this, or to CLOSE of the least room that they leave
-CLOSE = 1e-5
-SQUARE = 0.1  # of the square of a step (what is left to the next one), up to which they may be missed after it
-CORRECTIONS, WAYS_BACK = 8, 30  # steps back onto the constraints: from a step, from a first guess
-STRAINS = 3  # steps that may be shortened because they would strain the landscape, until it is given back
+CORRECTIONS, MOST_RETURNS = 8, 30  # steps back onto the constraints: from a step, from a first guess
 
 
 class Ended(enum.Enum):
     """How a descent ended."""
 
-    AT_REST = enum.auto()
-    STRAINED = enum.auto()  # go on from here on a finer landscape
+    AT_MINIMUM = enum.auto()
+    TOO_COARSE = enum.auto()  # go on from here on a finer landscape
     UNFINISHED = enum.auto()
     STUCK = enum.auto()
 
@@ -56,18 +50,20 @@ class Descent:
     shift: float
 
 
-class _Walker:
+class _Minimiser:
     """A descent under way; arguments as :func:`descend`."""
 
     def __init__(self, landscape: Landscape, q: Array, multipliers: Array, shift: float, longest: float, room: float):
+        room_share = 1e-5
+        constraint_tolerance = 1e-6  # constraints are held to this, or to room_share of the least room that they leave
         self.landscape, self.q, self.multipliers = landscape, q, multipliers
         self.shift, self.longest = shift, longest
         self.level: tuple[float, Array] | None = None  # energy at ``q``, and what is missed of the constraints
-        self.strains = self.idle = 0
-        self.room, self.on = room, min(ON, CLOSE * room)
+        self.coarse_steps = self.idle = 0
+        self.room, self.tolerance = room, min(constraint_tolerance, room_share * room)
         self.linear = symmetric(landscape.sparsity)
         self.here: Expansion | None = None  # about ``q``, where it is known already
-        self.dared: float | None = None  # the shift to go back to, where one far smaller is tried
+        self.last_shift: float | None = None  # the shift to go back to, where one far smaller is tried
 
     def solve(self, upper: Array, lower: Array) -> tuple[Array, Array]:
         x = self.linear.solve(self.matrix, np.concatenate([upper, lower]))
@@ -77,13 +73,13 @@ class _Walker:
         largest = float(np.max(np.abs(step), initial=0.0))
         return step if largest <= self.longest else step * (self.longest / largest)
 
-    def come_back(self) -> bool:
+    def return_to_constraints(self) -> bool:
         """Bring a first guess near the constraints, by the shortest way in the metric."""
-        for _ in range(WAYS_BACK):
+        for _ in range(MOST_RETURNS):
             here = self.landscape.expand(self.q, self.multipliers)
             if not np.all(np.isfinite(here.constraint)):
                 return False
-            if np.linalg.norm(here.constraint) <= self.near(self.longest):
+            if np.linalg.norm(here.constraint) <= self.allowed_miss(self.longest):
                 self.here = here
                 return True
             self.matrix = here.bordered(1.0, flat=True)
@@ -95,20 +91,22 @@ class _Walker:
             )
         return False
 
-    def near(self, size: float) -> float:
+    def allowed_miss(self, size: float) -> float:
         """Return how much of the constraints a step of this size (rad) may leave to the next one."""
-        return max(self.on, SQUARE * self.room * size**2)
+        # of the square of a step (what is left to the next one), up to which they may be missed after it
+        square_left = 0.1
+        return max(self.tolerance, square_left * self.room * size**2)
 
     def corrected(self, q: Array, size: float) -> tuple[Array, float, Array] | None:
         """Return ``q`` brought back onto the constraints by the step's own matrix, its energy and what it still misses.
 
         That is little beside the square of the step's ``size``; None where it gets no nearer.
         """
-        missed, on = np.inf, self.near(size)
+        missed, tolerance = np.inf, self.allowed_miss(size)
         for _ in range(CORRECTIONS):
             energy, constraint = self.landscape.energy(q)
             left = float(np.linalg.norm(constraint))
-            if left <= on:
+            if left <= tolerance:
                 return q, energy, constraint
             if not left < 0.7 * missed:
                 return None
@@ -121,6 +119,9 @@ class _Walker:
 
     def advance(self) -> Ended | None:
         """Take one step, with as much of a shift as it needs; return how the descent ended, or None to go on."""
+        most_coarse = 3  # steps that may be shortened because they would strain the landscape, until it is given back
+        most_idle = 5  # steps in a row that small show a saddle that was begun at, or that rounding hides what is left
+        last_step = 5e-3  # rad: of one of Newton's own that is shorter its square is left
         here, self.here = self.here or self.landscape.expand(self.q, self.multipliers), None
         energy, missed = self.level or self.landscape.energy(self.q)
         positive = False  # once it is, a longer shift leaves it so
@@ -128,31 +129,31 @@ class _Walker:
             self.matrix = here.bordered(self.shift)
             positive = positive or self.linear.negative(self.matrix) == self.landscape.constraints
             if not positive:
-                self._stiffen(4.0)
+                self._raise_shift(4.0)
                 continue
             step, change = self.solve(-here.gradient, -here.constraint)
             size = float(np.max(np.linalg.norm(step.reshape(-1, 3), axis=1)))
             if not np.isfinite(size):
-                self._stiffen(4.0)
+                self._raise_shift(4.0)
                 continue
             if size > self.longest:
-                self._stiffen(float(np.clip(size / self.longest, 1.5, 8.0)))
+                self._raise_shift(float(np.clip(size / self.longest, 1.5, 8.0)))
                 continue
             multipliers = self.multipliers - change
             predicted = 0.5 * float(-here.gradient @ step + self.shift * (here.weights @ step**2))
             gain = abs(predicted) / (1.0 + abs(energy))
-            slight = self.shift <= AT_REST_SHIFT * (1.0 + float(np.linalg.norm(multipliers)))
-            idle = size < AT_REST_STEP and gain < NO_GAIN
+            slight = self.shift <= NEWTON_SHIFT * (1.0 + float(np.linalg.norm(multipliers)))
+            idle = size < SMALL_STEP and gain < NO_GAIN
             there = self.landscape.move(self.q, step)
-            if (slight and (idle or size < LAST_STEP)) or (idle and self.idle >= IDLE):
+            if (slight and (idle or size < last_step)) or (idle and self.idle >= most_idle):
                 held = self.corrected(there, 0.0)
                 self.q, self.multipliers = there if held is None else held[0], multipliers
-                return Ended.AT_REST
+                return Ended.AT_MINIMUM
             trial = self.corrected(there, size)
-            if trial is not None and self.landscape.strained(trial[0]):
-                self.strains += 1
-                if self.strains > STRAINS:
-                    return Ended.STRAINED
+            if trial is not None and self.landscape.too_coarse(trial[0]):
+                self.coarse_steps += 1
+                if self.coarse_steps > most_coarse:
+                    return Ended.TOO_COARSE
                 trial = None
             if trial is not None:
                 reached, level, left = trial
@@ -162,23 +163,24 @@ class _Walker:
                 if fall >= SUFFICIENT * predicted - rounding:
                     self.q, self.multipliers, self.level = reached, multipliers, (level, left)
                     self.idle = self.idle + 1 if idle else 0
-                    self._relent(1.0 if abs(fall - predicted) <= rounding else fall / predicted, size)
+                    self._lower_shift(1.0 if abs(fall - predicted) <= rounding else fall / predicted, size)
                     return None
-            self._stiffen(4.0)
+            self._raise_shift(4.0)
         return Ended.STUCK
 
-    def _stiffen(self, factor: float) -> None:
-        self.shift = max(factor * self.shift, 1e-8) if self.dared is None else self.dared
-        self.dared = None
+    def _raise_shift(self, factor: float) -> None:
+        self.shift = max(factor * self.shift, 1e-8) if self.last_shift is None else self.last_shift
+        self.last_shift = None
 
-    def _relent(self, ratio: float, size: float) -> None:
-        self.dared = None
+    def _lower_shift(self, ratio: float, size: float) -> None:
+        near_minimum = 0.3  # of the longest step: after a good one that is shorter, one without a shift is tried
+        self.last_shift = None
         if ratio < POOR:
             self.shift *= 3.0
         elif ratio > GOOD:
-            self.shift *= 0.5 if size > 0.5 * self.longest else 0.15 if size > AT_REST_STEP else 0.02
-            if size < NEAR_REST * self.longest and self.shift > AT_REST_SHIFT:
-                self.dared, self.shift = self.shift, AT_REST_SHIFT
+            self.shift *= 0.5 if size > 0.5 * self.longest else 0.15 if size > SMALL_STEP else 0.02
+            if size < near_minimum * self.longest and self.shift > NEWTON_SHIFT:
+                self.last_shift, self.shift = self.shift, NEWTON_SHIFT
         self.shift = max(self.shift, LEAST_SHIFT)
 
 
@@ -202,11 +204,11 @@ def descend(
         shift: of the first step, in the metric.
         room: how little the constraints leave free; they are held to a small part of it.
     """
-    walker = _Walker(landscape, q, multipliers, shift, longest, room)
-    if not walker.come_back():
-        return Descent(walker.q, walker.multipliers, Ended.STUCK, 0, shift)
+    minimiser = _Minimiser(landscape, q, multipliers, shift, longest, room)
+    if not minimiser.return_to_constraints():
+        return Descent(minimiser.q, minimiser.multipliers, Ended.STUCK, 0, shift)
     for taken in range(1, steps + 1):
-        ended = walker.advance()
+        ended = minimiser.advance()
         if ended is not None:
-            return Descent(walker.q, walker.multipliers, ended, taken, walker.shift)
-    return Descent(walker.q, walker.multipliers, Ended.UNFINISHED, steps, walker.shift)
+            return Descent(minimiser.q, minimiser.multipliers, ended, taken, minimiser.shift)
+    return Descent(minimiser.q, minimiser.multipliers, Ended.UNFINISHED, steps, minimiser.shift)

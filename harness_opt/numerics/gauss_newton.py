@@ -11,22 +11,20 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import STILL, Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import STATIONARY_STEP, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import CONDITION_LIMIT, TAUT_LIMIT, Factor, factorise
-
-SUFFICIENT = 1e-4  # Armijo's constant
-SMALLEST_STEP = 1e-4  # a shorter fraction of the step makes no progress worth the work
-CONTRACTION = 0.2  # while |R| and steps fall by this factor, the Jacobian is kept: it costs ten times a chord step
-NEAR_MINIMUM = (
-    1e-5  # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
-)
-NATURAL = 1.0 / 16.0  # shortest fraction of a step that is judged by the next one
-SMALL = 10.0  # largest entry of the next step, in tolerances, that leaves nothing to gain
-POLISH = 2  # most steps once the residual is small: where the problem is badly conditioned, that is not enough
+from harness_opt.numerics.rotations import Array
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
+    # most steps once the residual is small: where the problem is badly conditioned, that is not enough
+    most_polishing = 2
+    nothing_to_gain = 10.0  # largest entry of the next step, in tolerances, that leaves nothing to gain
+    # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
+    nearly_stationary = 1e-5
+    # while |R| and steps fall by this factor, the Jacobian is kept: it costs ten times a chord step
+    most_contraction = 0.2
     factor, size, ahead, polished = options.factor, np.inf, np.inf, 0
     stale, limit = factor is None, CONDITION_LIMIT
     status = Status.ITERATION_LIMIT
@@ -38,13 +36,13 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
             break
         if best <= options.tolerance:
             status = Status.OK
-            if ahead <= SMALL * options.tolerance or polished == POLISH or best == 0.0:
+            if ahead <= nothing_to_gain * options.tolerance or polished == most_polishing or best == 0.0:
                 break
             polished += 1
         if iteration == options.iterations:
             break
         fresh = stale
-        if fresh:
+        if fresh or factor is None:
             jacobian = problem.linearise(x)[1]
             if not np.all(np.isfinite(jacobian.data)):
                 status = Status.NOT_FINITE
@@ -52,12 +50,12 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
             factor = factorise(jacobian, limit)
         step = -factor.solve(residual)
         reach = largest(step)
-        if options.stationary and reach <= STILL:
+        if options.stationary and reach <= STATIONARY_STEP:
             status = Status.OK
             break
         length, there, trial = _search(problem, x, step, residual, factor if fresh else None)
         if length == 0.0:
-            if status.ok or (fresh and options.stationary and reach <= NEAR_MINIMUM):
+            if status.ok or (fresh and options.stationary and reach <= nearly_stationary):
                 status = Status.OK
                 break
             taut = factor.singular and limit < TAUT_LIMIT and not options.stationary
@@ -72,7 +70,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         size = length * reach
         ahead = contraction * size
         x, residual, best = there, trial, left
-        stale = length < 1.0 or contraction > CONTRACTION
+        stale = length < 1.0 or contraction > most_contraction
     return Solution(x, status, best, iteration, factor)
 
 
@@ -82,16 +80,19 @@ def _search(
     """Return the accepted fraction of ``step``, where it leads, and the residual there; the fraction is 0 for none.
 
     A step is taken where the residual falls, or where the next step with the same Jacobian is shorter (the natural
-    level function, Deuflhard, section 3.3): along a valley that is flat to rounding in one direction and steep in all
+    level function, Deuflhard, section 3.3): along a near-null direction, flat to rounding while steep in all
     others, the first alone allows only short ones. ``factor`` is None for an old Jacobian: all of the step or nothing.
     """
+    least_judged = 1.0 / 16.0  # shortest fraction of a step that is judged by the next one
+    least_fraction = 1e-4  # a shorter fraction of the step makes no progress worth the work
+    sufficient = 1e-4  # Armijo's constant
     cost, length, reach = residual @ residual, 1.0, largest(step)
-    while length >= (1.0 if factor is None else SMALLEST_STEP):
+    while length >= (1.0 if factor is None else least_fraction):
         there = x + length * step
         trial = problem.residual(there)
-        if trial @ trial <= (1.0 - 2.0 * SUFFICIENT * length) * cost:  # false where an entry is not a number
+        if trial @ trial <= (1.0 - 2.0 * sufficient * length) * cost:  # false where an entry is not a number
             return length, there, trial
-        if factor is not None and length >= NATURAL and _shorter(factor, trial, (1.0 - 0.5 * length) * reach):
+        if factor is not None and length >= least_judged and _shorter(factor, trial, (1.0 - 0.5 * length) * reach):
             return length, there, trial
         length *= 0.5
     return 0.0, x, residual

@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from harness_opt.errors import Status
-
-Array = NDArray[np.float64]
+from harness_opt.numerics.linear import Factor
+from harness_opt.numerics.rotations import Array
 
 QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}  # keeps IPOPT off stdout
 
@@ -63,7 +63,7 @@ class Options:
     tolerance: float = 1e-11
     iterations: int = 60
     stationary: bool = False
-    factor: Any = None
+    factor: Factor | None = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Solution:
     status: Status
     residual: float
     iterations: int
-    factor: Any = None
+    factor: Factor | None = None
 
 
 @dataclass(frozen=True)
@@ -141,12 +141,12 @@ class Landscape(Protocol):
         """Return the point a step further."""
         ...
 
-    def strained(self, q: Array) -> bool:
+    def too_coarse(self, q: Array) -> bool:
         """Return whether the landscape is too coarse for a point."""
         ...
 
 
-STILL = 1e-9  # largest entry of a step at a least-squares minimum
+STATIONARY_STEP = 1e-9  # largest entry of a step at a least-squares minimum
 
 
 class Solver(Protocol):

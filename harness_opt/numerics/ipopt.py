@@ -14,19 +14,20 @@ import casadi as ca
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import QUIET, Array, Equations, LeastSquares, Options, Solution, largest
-
-PROXIMAL = 1e-9  # on the diagonal of the unknowns: a direction that the equations leave open is not moved along
-FINAL = 1e-3  # of the tolerance: where the problem is badly conditioned, a residual just below it is not enough
+from harness_opt.numerics.interface import QUIET, Equations, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.rotations import Array
 
 
 @functools.lru_cache(maxsize=16)
 def _program(equations: Equations, iterations: int, tolerance: float) -> ca.Function:
     """Return IPOPT on ``equations``, built once for each kind of problem."""
+    # of the tolerance: where the problem is badly conditioned, a residual just below it is not enough
+    final_share = 1e-3
+    proximal = 1e-9  # on the diagonal of the unknowns: a direction that the equations leave open is not moved along
     unknowns, parameters, residual = equations.unknowns, equations.parameters, equations.residual
     slack, multipliers = ca.SX.sym("slack", residual.numel()), ca.SX.sym("lam_g", residual.numel())
     both, factor = ca.vertcat(unknowns, slack), ca.SX.sym("lam_f")
-    slack_part = ca.diagcat(PROXIMAL * ca.SX.eye(unknowns.numel()), factor * ca.SX.eye(residual.numel()))
+    slack_part = ca.diagcat(proximal * ca.SX.eye(unknowns.numel()), factor * ca.SX.eye(residual.numel()))
     hessian = ca.Function(
         "nlp_hess_l",
         [both, parameters, factor, multipliers],
@@ -39,7 +40,7 @@ def _program(equations: Equations, iterations: int, tolerance: float) -> ca.Func
         **QUIET,
         "hess_lag": hessian,
         "ipopt.max_iter": iterations,
-        "ipopt.tol": FINAL * tolerance,
+        "ipopt.tol": final_share * tolerance,
     }
     return ca.nlpsol("least_squares", "ipopt", nlp, settings)
 

@@ -11,31 +11,31 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import STILL, Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import STATIONARY_STEP, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import damped_step
-
-START = 1e-3  # first damping, relative to the scaled problem
-LEAST = 1e-14  # damping of a last, polishing step; keeps a rank-deficient system regular
-STEP_LIMIT = 1e-15  # a relative step below this is rounding
+from harness_opt.numerics.rotations import Array
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
+    last_damping = 1e-14  # damping of a last, polishing step; keeps a rank-deficient system regular
+    first_damping = 1e-3  # first damping, relative to the scaled problem
+    least_step = 1e-15  # a relative step below this is rounding
     residual, jacobian = problem.linearise(x)
     if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian.data))):
         return Solution(x, Status.NOT_FINITE, largest(residual), 0)
     scale = np.zeros_like(x)
-    damping, growth, small = START, 2.0, False
+    damping, growth, small = first_damping, 2.0, False
     for iteration in range(options.iterations):
         if largest(residual) <= options.tolerance:
             if small:
                 return Solution(x, Status.OK, largest(residual), iteration)
-            small, damping = True, LEAST  # one last step: where the problem is badly conditioned, it counts
+            small, damping = True, last_damping  # one last step: where the problem is badly conditioned, it counts
         scale = np.maximum(scale, spla.norm(jacobian, axis=0))
         weights = np.where(scale > 0, scale, 1.0)
         scaled = jacobian @ sp.diags_array(1.0 / weights)
         scaled_step = damped_step(sp.csc_array(scaled), residual, damping)
-        if options.stationary and damping <= START and largest(scaled_step / weights) <= STILL:
+        if options.stationary and damping <= first_damping and largest(scaled_step / weights) <= STATIONARY_STEP:
             return Solution(x, Status.OK, largest(residual), iteration)
         trial = problem.residual(x + scaled_step / weights)
         cost = residual @ residual
@@ -53,7 +53,7 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
         else:
             damping *= growth
             growth *= 2.0
-            if np.linalg.norm(scaled_step) <= STEP_LIMIT * (1.0 + np.linalg.norm(weights * x)):
+            if np.linalg.norm(scaled_step) <= least_step * (1.0 + np.linalg.norm(weights * x)):
                 return Solution(x, Status.STALLED, largest(residual), iteration + 1)
     status = Status.OK if largest(residual) <= options.tolerance else Status.ITERATION_LIMIT
     return Solution(x, status, largest(residual), options.iterations)

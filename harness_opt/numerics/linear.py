@@ -16,11 +16,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-from numpy.typing import NDArray
 
 from harness_opt.numerics.machine_code import Buffered
-
-Array = NDArray[np.float64]
+from harness_opt.numerics.rotations import Array
 
 # A condition number above the first marks a rank deficiency (a straight cable, a cable that may turn freely about
 # coaxial clamps), if it stays above it with rows and columns scaled to the same size: heavy and stiff cables only
@@ -30,10 +28,8 @@ CONDITION_LIMIT, TAUT_LIMIT = 1e9, 1e15
 # Below this one a factor serves for problems nearby too. Of a shape that may turn freely the Jacobian is singular at
 # the solution alone: off it, and that is where it is mostly factorised, the condition number is anything from 5e4 up.
 BENIGN = 1e6
-RANK_TOLERANCE = 1e-11  # singular values below this fraction of the largest count as zero
 MOST_DENSE = 1500  # unknowns up to which singular values are looked at: a second's work
 LIGHT = 1e-4  # weight of a full row below a band
-ROUNDS = 2000  # of the iteration that solves larger problems
 
 
 @dataclass(frozen=True)
@@ -72,15 +68,20 @@ class Factor:
 
     def solve(self, b: Array) -> Array:
         """Return y that solves J y = b (m,) or (m, k): exactly, or in least squares with minimum norm."""
+        rank_tolerance = 1e-11  # singular values below this fraction of the largest count as zero
+        y: Array
         if self.bordered:
-            return self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
+            y = self.lu.solve(np.concatenate([b, np.zeros((1, *b.shape[1:]))]))[:-1]
+            return y
         if self.lu is not None:
-            return self.lu.solve(np.ascontiguousarray(b))
+            y = self.lu.solve(np.ascontiguousarray(b))
+            return y
         if self.jacobian.shape[1] > MOST_DENSE and self.jacobian.shape[0] == self.jacobian.shape[1]:
             return _iterated(self.jacobian, b)
-        return scipy.linalg.lstsq(
-            self.jacobian.toarray(), b, cond=RANK_TOLERANCE, lapack_driver="gelsy", check_finite=False
+        y = scipy.linalg.lstsq(
+            self.jacobian.toarray(), b, cond=rank_tolerance, lapack_driver="gelsy", check_finite=False
         )[0]
+        return y
 
 
 def factorise(jacobian: sp.csc_array, limit: float = CONDITION_LIMIT) -> Factor:
@@ -118,9 +119,10 @@ def _iterated(jacobian: sp.csc_array, b: Array) -> Array:
     LSMR (Fong and Saunders, SIAM J. Sci. Comput. 33, 2011): memory and time are bounded, and directions that are all
     but lost stay out.
     """
+    most_iterations = 2000  # of the iteration that solves larger problems
     scaled, rows, columns = _equilibrated(jacobian)
     found = [
-        columns * spla.lsmr(scaled, rows * column, atol=1e-14, btol=1e-14, conlim=0.0, maxiter=ROUNDS)[0]
+        columns * spla.lsmr(scaled, rows * column, atol=1e-14, btol=1e-14, conlim=0.0, maxiter=most_iterations)[0]
         for column in b.reshape(len(rows), -1).T
     ]
     return np.stack(found, axis=1).reshape(-1, *b.shape[1:])
@@ -198,7 +200,8 @@ def null_vectors(jacobian: sp.csc_array, like: tuple[Array, Array] | None = None
 def damped_step(jacobian: sp.csc_array, residual: Array, damping: float) -> Array:
     """Return the step p (n,) that minimises |J p + r|^2 + damping |p|^2."""
     rows, columns = jacobian.shape
-    return spla.splu(_damped(jacobian, damping)).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]
+    step: Array = spla.splu(_damped(jacobian, damping)).solve(np.concatenate([-residual, np.zeros(columns)]))[rows:]
+    return step
 
 
 def _damped(jacobian: sp.csc_array, damping: float) -> sp.csc_array:

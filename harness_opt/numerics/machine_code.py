@@ -35,7 +35,6 @@ import numpy as np
 from harness_opt.errors import CompilerError
 from harness_opt.numerics.rotations import Array
 
-COMPILERS = ("cc", "gcc", "clang")
 # -O2 takes twice as long to compile and makes nothing faster; products and sums are rounded one by one, as casadi does
 FLAGS = ("-O1", "-ffp-contract=off", "-fPIC", "-shared")
 LIBRARIES = ("-lm",)
@@ -84,11 +83,12 @@ def _compiler() -> _Compiler:
     Raises:
         CompilerError: there is none.
     """
-    for name in COMPILERS:
+    compilers = ("cc", "gcc", "clang")
+    for name in compilers:
         path = shutil.which(name)
         if path is not None:
             return _Compiler(path, _run([path, "--version"], ASKING))
-    raise CompilerError(f"no C compiler was found on the PATH: looked for {', '.join(COMPILERS)}")
+    raise CompilerError(f"no C compiler was found on the PATH: looked for {', '.join(compilers)}")
 
 
 def _run(command: list[str], seconds: float) -> str:

@@ -15,16 +15,18 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import Array, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import LeastSquares, Options, Solution, largest
 from harness_opt.numerics.linear import damped_step
+from harness_opt.numerics.rotations import Array
 
-ERR = 5e-16  # of the largest squared column norm: the mu at which the iteration ends; rounding allows hardly less
-STALLED = 1e-15  # mu below which nothing moves any more
 LARGEST_SCALE = 0.03  # of D; measured: from 3e-4 to 0.03 the systems on 31 to 61 points end within 20 steps
 
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
+    stalled_mu = 1e-15  # mu below which nothing moves any more
+    # of the largest squared column norm: the mu at which the iteration ends; rounding allows hardly less
+    last_mu = 5e-16
     residual, jacobian = problem.linearise(x)
     if not _finite(residual, jacobian):
         return Solution(x, Status.NOT_FINITE, largest(residual), 0)
@@ -33,8 +35,10 @@ def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     scale = LARGEST_SCALE * np.where(norms > 0, norms, longest) / longest
     for iteration in range(options.iterations):
         damping = float(np.linalg.norm(jacobian.T @ residual))
-        still = damping < STALLED
-        ended = still or (iteration > 0 and damping < ERR * longest**2)  # a start may lie below, and gain by one step
+        still = damping < stalled_mu
+        ended = still or (
+            iteration > 0 and damping < last_mu * longest**2
+        )  # a start may lie below, and gain by one step
         if ended and (options.stationary or largest(residual) <= options.tolerance):
             return Solution(x, Status.OK, largest(residual), iteration)
         if still:

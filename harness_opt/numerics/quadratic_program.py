@@ -25,9 +25,6 @@ from numpy.typing import NDArray
 from harness_opt.numerics.rotations import Array
 
 PENALTY = 100.0  # of the hard rows' slack; above any multiplier of an objective of order one
-SMALL = 1e-6  # curvature of the objective everywhere: keeps the step unique where the objective does not
-TINY = 1e-6  # the same of the slacks, for the method that needs it
-QUIET = {"print_iter": False, "print_header": False, "print_info": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +72,9 @@ class Answer:
 
 def solve(program: Program) -> Answer:
     """Return the solution of ``program``; it has one, whatever the rows are."""
+    least_curvature = 1e-6  # curvature of the objective everywhere: keeps the step unique where the objective does not
+    silent = {"print_iter": False, "print_header": False, "print_info": False}
+    slack_curvature = 1e-6  # the same of the slacks, for the method that needs it
     k, m = len(program.gradient), len(program.margin)
     # without soft rows there is no e: an interior point needs room between the bounds of every unknown
     any_soft = int(np.any(program.soft))
@@ -84,9 +84,9 @@ def solve(program: Program) -> Answer:
     upper = np.concatenate([program.highest, [np.inf] * (1 + any_soft)])
     given = {"g": gradient, "a": rows, "lba": -program.margin, "lbx": lower, "ubx": upper}
     shapes = {"h": ca.Sparsity.dense(len(gradient), len(gradient)), "a": ca.Sparsity.dense(m, len(gradient))}
-    ways: tuple[tuple[float, str, dict[str, Any]], ...] = ((0.0, "ipqp", QUIET), (TINY, "daqp", {}))
+    ways: tuple[tuple[float, str, dict[str, Any]], ...] = ((0.0, "ipqp", silent), (slack_curvature, "daqp", {}))
     for curvature, name, options in ways:
-        given["h"] = np.diag(np.concatenate([program.curvature + SMALL, [curvature] * (1 + any_soft)]))
+        given["h"] = np.diag(np.concatenate([program.curvature + least_curvature, [curvature] * (1 + any_soft)]))
         solver = ca.conic("step", name, shapes, {**options, "error_on_fail": False})
         with contextlib.redirect_stderr(io.StringIO()):  # what the first one warns of, the second one takes care of
             answer = solver(**given)

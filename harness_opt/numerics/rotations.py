@@ -29,7 +29,8 @@ _LEFT = np.array(
 def normalise(v: ArrayLike) -> Array:
     """Return ``v`` (..., n) divided by its Euclidean length along the last axis."""
     v = np.asarray(v, dtype=float)
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    length: Array = np.linalg.norm(v, axis=-1, keepdims=True)
+    return v / length
 
 
 def unit(v: ArrayLike) -> Array:
@@ -70,7 +71,8 @@ def multiply(p: ArrayLike, q: ArrayLike) -> Array:
     left = (p @ _LEFT).reshape(
         *p.shape, 4
     )  # the matrix of a product with p: on small arrays, few calls are what counts
-    return np.einsum("...ij,...j->...i", left, q)
+    product: Array = np.einsum("...ij,...j->...i", left, q)
+    return product
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> Array:
@@ -113,8 +115,35 @@ def rotation_vector(q: ArrayLike) -> Array:
     sine = np.linalg.norm(q[..., 1:], axis=-1)
     half = np.arctan2(sine, q[..., 0])
     with np.errstate(invalid="ignore"):
-        ratio = np.where(sine > 1e-12, half / sine, 1.0)  # sin x / x is 1 to rounding there
-    return 2.0 * ratio[..., None] * q[..., 1:]
+        ratio: Array = np.where(sine > 1e-12, half / sine, 1.0)  # sin x / x is 1 to rounding there
+    vector: Array = 2.0 * ratio[..., None] * q[..., 1:]
+    return vector
+
+
+def small_rotation_vector(q: ArrayLike) -> Array:
+    """Return the rotation vectors (..., 3), of at most half a turn, of ``q`` (..., 4): those of -q are the same."""
+    q = np.asarray(q, dtype=float)
+    return rotation_vector(np.copysign(1.0, q[..., :1]) * q)
+
+
+def slerp(a: ArrayLike, b: ArrayLike, weight: ArrayLike) -> Array:
+    """Return the unit quaternions (..., 4) at ``weight`` of the way from ``a`` to ``b``, along the great circle.
+
+    Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985. At 0 and 1 it gives ``a`` and ``b`` to the
+    last digit. The way from ``a`` to -``b`` is another, with a whole turn more or less.
+
+    Args:
+        a, b: (..., 4).
+        weight: 0 to 1, a number or (..., 1).
+    """
+    a, b, weight = (np.asarray(x, dtype=float) for x in (a, b, weight))
+    angle = 2.0 * np.arctan2(
+        np.linalg.norm(a - b, axis=-1, keepdims=True), np.linalg.norm(a + b, axis=-1, keepdims=True)
+    )
+    near = angle < 1e-9  # rad: either is the other to the square root of rounding
+    sine = np.where(near, 1.0, np.sin(angle))
+    blended = np.sin((1.0 - weight) * angle) / sine * a + np.sin(weight * angle) / sine * b
+    return np.where(near, np.where(weight > 0.5, b, a), blended)
 
 
 def from_matrix(frame: ArrayLike) -> Array:

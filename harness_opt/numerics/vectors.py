@@ -20,4 +20,5 @@ def lengths(v: Array) -> Array:
 
 def dots(u: Array, v: Array) -> Array:
     """Return the dot products (...) of vectors (..., 3) and (..., 3)."""
-    return np.einsum("...i,...i->...", u, v)
+    products: Array = np.einsum("...i,...i->...", u, v)
+    return products

@@ -1,0 +1,1 @@
+"""Solid parts as geometry that answers distances of points: primitives in closed form, meshes by coal."""

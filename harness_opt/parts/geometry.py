@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.model.parts import Box, Capsule, Cylinder, Sphere
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import lengths
 
 Distances = tuple[Array, Array, Array]
-Shape = Box | Sphere | Cylinder | Capsule
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +48,8 @@ class Geometry(abc.ABC):
         half = 0.5 * (self.upper - self.lower)
         beyond = np.abs(np.asarray(points) - 0.5 * (self.upper + self.lower)) - half
         bound = lengths(np.maximum(beyond, 0.0)) + np.minimum(beyond.max(axis=-1), 0.0)
-        return bound if self.closed else np.maximum(bound, 0.0)
+        capped: Array = bound if self.closed else np.maximum(bound, 0.0)
+        return capped
 
     @abc.abstractmethod
     def chord_bound(self, start: Array, end: Array, at_start: Array, at_end: Array) -> Array:

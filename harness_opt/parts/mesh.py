@@ -21,17 +21,17 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
 from harness_opt.parts.geometry import Distances, Geometry
-from harness_opt.parts.orientation import PAIRS, winding_numbers
+from harness_opt.parts.orientation import PAIRS_AT_A_TIME, winding_numbers
 
 # height over longest edge below which a triangle has no area: coal returns 0 anywhere on its line
-FLAT = 1e-9
+FLAT_TRIANGLE = 1e-9
 # of the mesh's diagonal: largest difference between coal's answer and the exact one on its triangle
 AGREE = 1e-9
 # of the mesh's diagonal: nearer to the surface, the way to the nearest point is rounding and has no direction
-TOUCHING = 1e-12
+NO_DIRECTION = 1e-12
 GJK = 1e-9  # tolerance of coal's iteration between a segment and a triangle; its own is 1e-6
 FEW_FACES = 5_000  # up to here a winding number is summed triangle by triangle
-FAR = 2.5  # radii of a cluster beyond which it is a dipole: wrong by 0.03 turns at most where measured
+DIPOLE_FROM = 2.5  # radii of a cluster beyond which it is a dipole: wrong by 0.03 turns at most where measured
 WHOLE = 0.2  # turns: a sum of dipoles this near to a whole number is taken for it, else every triangle is summed
 
 
@@ -70,7 +70,7 @@ class Mesh(Geometry):
         a, b, c = vertices[faces].swapaxes(0, 1)
         areas = np.cross(b - a, c - a)
         longest = np.max([lengths(b - a), lengths(c - b), lengths(a - c)], axis=0)
-        solid = lengths(areas) > FLAT * longest**2
+        solid = lengths(areas) > FLAT_TRIANGLE * longest**2
         if not np.any(solid):
             raise ProblemError(f"parts.{name}.mesh: found only triangles without area, expected a surface")
         # the volume tells whether a closed mesh is inside out
@@ -106,7 +106,7 @@ class Mesh(Geometry):
             offset[i] = points[i] - nearest[i]
             distance[i] = np.linalg.norm(offset[i])
         sign = self._signs(points, distance)
-        touching = distance <= TOUCHING * scale
+        touching = distance <= NO_DIRECTION * scale
         gradient = offset * (sign / np.where(touching, 1.0, distance))[:, None]
         gradient[touching] = self.normals[face[touching]]
         return sign * distance, gradient, nearest
@@ -132,14 +132,15 @@ class Mesh(Geometry):
         largest at a corner.
         """
         reach = lengths(corners - middle[:, None]).max(axis=1)
-        bound = at_middle - reach
+        bound: Array = at_middle - reach
         outside = np.flatnonzero(at_middle > 0)
         boxed = self.query.boxes(corners[outside], middle[outside])
         boxed = boxed - AGREE * np.linalg.norm(self.upper - self.lower)  # 2e-11 m too much were measured
         sane = (boxed > 0) & (boxed <= at_middle[outside] * (1 + AGREE))  # what is above, or NaN, is absurd
         bound[outside] = np.where(sane, np.maximum(boxed, bound[outside]), bound[outside])
         if not self.closed:
-            return np.maximum(bound, 0.0)
+            bound = np.maximum(bound, 0.0)
+            return bound
         rest = np.flatnonzero(at_middle <= reach)
         face = self.query(middle[rest])[1]
         a, b, c = self.vertices[self.faces[face]].swapaxes(0, 1)
@@ -165,7 +166,7 @@ class Mesh(Geometry):
         if clusters is not None:
             offset = clusters.centre - point
             distance = lengths(offset)
-            near = distance < FAR * clusters.radius
+            near = distance < DIPOLE_FROM * clusters.radius
             dipoles = dots(clusters.area, offset)[~near] / distance[~near] ** 3
             turns = np.sum(dipoles) / (4 * np.pi)
             faces = [clusters.members[k] for k in np.flatnonzero(near)]
@@ -215,8 +216,8 @@ class Mesh(Geometry):
     def _nearest_of_all(self, point: Array) -> tuple[Array, int]:
         """Return the nearest point (3,) on the mesh and its face, by looking at every triangle."""
         best, winner, nearest = math.inf, 0, point
-        for first in range(0, len(self.faces), PAIRS):
-            corners = self.vertices[self.faces[first : first + PAIRS]].swapaxes(0, 1)
+        for first in range(0, len(self.faces), PAIRS_AT_A_TIME):
+            corners = self.vertices[self.faces[first : first + PAIRS_AT_A_TIME]].swapaxes(0, 1)
             candidates = closest_on_triangles(np.broadcast_to(point, corners[0].shape), *corners)
             distance = lengths(candidates - point)
             k = int(np.argmin(distance))

@@ -1,4 +1,4 @@
-"""Which way the triangles of a mesh look: made to close, and to look outward, piece by piece."""
+"""Which way the triangles of a mesh face: made to close, and to face outward, piece by piece."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import numpy as np
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
 
-PAIRS = 1_000_000  # point-triangle pairs at a time, so that temporaries stay below 100 MB
-ASKED = 50  # corners of a piece that looks inward that are asked whether they lie inside the others
+PAIRS_AT_A_TIME = 1_000_000  # point-triangle pairs at a time, so that temporaries stay below 100 MB
 
 
 def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
@@ -22,7 +21,7 @@ def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
         corners: of the triangles, (m, 3, 3), m.
         areas: twice their area vectors, (m, 3), m2.
     """
-    step = max(1, PAIRS // max(1, len(points)))
+    step = max(1, PAIRS_AT_A_TIME // max(1, len(points)))
     turns = np.zeros(len(points))
     for first in range(0, len(corners), step):
         a, b, c = (corners[first : first + step, k] - points[:, None] for k in range(3))
@@ -36,10 +35,11 @@ def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
 def outward(vertices: Array, faces: Indices) -> Indices:
     """Return closed ``faces`` (m, 3) so turned that each piece has its inside within.
 
-    A piece that looks inward and lies wholly inside the others is a cavity, and stays; one that reaches out of
+    A piece that faces inward and lies wholly inside the others is a cavity, and stays; one that reaches out of
     them, or stands alone, was turned inside out in the file: where it overlaps others its winding would cancel
     theirs.
     """
+    corners_asked = 50  # corners of a piece that faces inward that are asked whether they lie inside the others
     piece = _pieces(faces)
     corners = vertices[faces]
     middle = vertices.mean(axis=0)
@@ -51,7 +51,7 @@ def outward(vertices: Array, faces: Indices) -> Indices:
     turned = np.zeros(len(volumes), dtype=bool)
     for inward in np.flatnonzero(volumes < 0):
         own = np.unique(faces[piece == inward])
-        asked = own[:: max(1, len(own) // ASKED)]
+        asked = own[:: max(1, len(own) // corners_asked)]
         inside = np.abs(winding_numbers(vertices[asked], corners[right], areas[right])) > 0.5
         turned[inward] = not np.all(inside)
     return np.where(turned[piece][:, None], faces[:, ::-1], faces)

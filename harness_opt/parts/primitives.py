@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.model.parts import Box, Capsule, Cylinder, Sphere
+from harness_opt.model.parts import Box, Capsule, Cylinder, Solid, Sphere
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import dots, lengths
-from harness_opt.parts.geometry import Distances, Geometry, Shape
+from harness_opt.parts.geometry import Distances, Geometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +28,12 @@ class Primitive(Geometry):
         position, quaternion: its pose in the body, m, (3,) and (4,).
     """
 
-    shape: Shape
+    shape: Solid
     position: Array
     quaternion: Array
 
     @staticmethod
-    def of(name: str, body: str, shape: Shape, position: ArrayLike, quaternion: ArrayLike) -> Primitive:
+    def of(name: str, body: str, shape: Solid, position: ArrayLike, quaternion: ArrayLike) -> Primitive:
         """Return the primitive with the box that holds it; arguments as for the class, sizes above 0."""
         position, quaternion = np.asarray(position, dtype=float), np.asarray(quaternion, dtype=float)
         half = _half_extents(shape, rotations.matrix(quaternion))
@@ -75,7 +75,7 @@ class Primitive(Geometry):
         return bound
 
 
-def _half_extents(shape: Shape, frame: Array) -> Array:
+def _half_extents(shape: Solid, frame: Array) -> Array:
     """Return half the sides (3,), m, of the box that holds ``shape`` turned by the matrix ``frame``."""
     if isinstance(shape, Box):
         return np.abs(frame) @ (np.asarray(shape.size) / 2)
@@ -89,7 +89,7 @@ def _half_axis(shape: Sphere | Capsule) -> float:
     return shape.length / 2 if isinstance(shape, Capsule) else 0.0
 
 
-def _shape_distance(shape: Shape, p: Array) -> Distances:
+def _shape_distance(shape: Solid, p: Array) -> Distances:
     """Return distance (n,), gradient (n, 3) and nearest point (n, 3), all and ``p`` in the shape's frame."""
     if isinstance(shape, Box):
         return _box_distance(np.asarray(shape.size) / 2, p)

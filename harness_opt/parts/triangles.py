@@ -10,14 +10,10 @@ from harness_opt.numerics.vectors import Indices
 from harness_opt.parts.primitives import Primitive
 from harness_opt.parts.scene import Geometry, Mesh
 
-GRID = 65_535  # steps along the longest side of a part's box: vertices are 16-bit numbers
-COARSEST = 16  # steps of the coarsest grid that a part is rounded to
-COARSER = 2048  # steps of the first grid that merges vertices on purpose
-ROUND = 48  # sides of a cylinder
-
 
 def triangles(part: Geometry) -> tuple[Array, Indices]:
     """Return the vertices (k, 3), m, and faces (m, 3) of a part in the coordinates of its body."""
+    cylinder_sides = 48  # sides of a cylinder
     if isinstance(part, Mesh):
         return part.vertices, part.faces
     if not isinstance(part, Primitive):
@@ -28,9 +24,9 @@ def triangles(part: Geometry) -> tuple[Array, Indices]:
     if isinstance(shape, Box):
         made = trimesh.creation.box(shape.size)
     elif isinstance(shape, Cylinder):
-        made = trimesh.creation.cylinder(shape.radius, shape.length, sections=ROUND)
+        made = trimesh.creation.cylinder(shape.radius, shape.length, sections=cylinder_sides)
     elif isinstance(shape, Capsule):
-        made = trimesh.creation.capsule(shape.length, shape.radius, count=[ROUND, ROUND // 2])
+        made = trimesh.creation.capsule(shape.length, shape.radius, count=[cylinder_sides, cylinder_sides // 2])
         made.apply_translation([0.0, 0.0, -made.bounds.mean(axis=0)[2]])
     else:
         made = trimesh.creation.icosphere(subdivisions=4, radius=shape.radius)
@@ -44,9 +40,12 @@ def on_grid(vertices: Array, faces: Indices, most: int) -> tuple[Array, Array, I
     Vertices at one place of the grid are one. It is as coarse as leaves at most ``most`` faces, but no coarser than
     16 steps a side; faces without area go (Rossignac and Borrel, 1993: vertex clustering).
     """
+    first_coarser = 2048  # steps of the first grid that merges vertices on purpose
+    coarsest_grid = 16  # steps of the coarsest grid that a part is rounded to
+    grid = 65_535  # steps along the longest side of a part's box: vertices are 16-bit numbers
     used = vertices[np.unique(faces)]
     lower, upper = used.min(axis=0), used.max(axis=0)
-    cells = GRID
+    cells = grid
     while True:
         step = np.maximum(np.max(upper - lower) / cells, 1e-12) * np.ones(3)
         rounded = np.rint((vertices - lower) / step).astype(np.int64)
@@ -54,6 +53,6 @@ def on_grid(vertices: Array, faces: Indices, most: int) -> tuple[Array, Array, I
         kept = index.reshape(-1)[faces]
         solid = (kept[:, 0] != kept[:, 1]) & (kept[:, 1] != kept[:, 2]) & (kept[:, 2] != kept[:, 0])
         kept = kept[solid]
-        if len(kept) <= most or cells <= COARSEST:
+        if len(kept) <= most or cells <= coarsest_grid:
             return lower, step, unique, kept
-        cells = min(cells // 2, COARSER)
+        cells = min(cells // 2, first_coarser)

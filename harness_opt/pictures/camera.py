@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harness_opt.numerics.rotations import Array
-from harness_opt.pictures.drawing import Moment
+from harness_opt.pictures.drawing import DrawnFrame
 from harness_opt.report import viewpoint
 
 if TYPE_CHECKING:
@@ -41,15 +41,15 @@ class Camera:
     aspect: float
 
     @staticmethod
-    def of(moments: Sequence[Moment], meshes: Mapping[str, pv.PolyData], aspect: float) -> Camera:
-        """Return the camera that sees the motions of ``moments`` whole, across the plane they happen in.
+    def of(frames: Sequence[DrawnFrame], meshes: Mapping[str, pv.PolyData], aspect: float) -> Camera:
+        """Return the camera that sees the motions of ``frames`` whole, across the plane they happen in.
 
         Of the views from both sides, the one from which parts hide least of the cables.
         """
         outlines = {name: viewpoint.extremes(np.asarray(mesh.points, dtype=float)) for name, mesh in meshes.items()}
-        motions = [moment.motion for moment in moments]
+        motions = [one.motion for one in frames]
         seen = np.vstack([viewpoint.seen(m.problem, m.motion, m.cables, outlines) for m in motions])
-        shown = [(moment.motion, moment.frame, moment.scene) for moment in moments]
+        shown = [(one.motion, one.frame, one.scene) for one in frames]
         right, up, back = viewpoint.clearest(shown)
         wide, high = TANGENT * aspect * (1 - 2 * MARGIN), TANGENT * (1 - 2 * MARGIN - TITLE_ROOM)
         flat = seen @ np.column_stack([right, up, back])
@@ -81,7 +81,8 @@ class Camera:
         """Return the point (3,), m, that stands ``at`` (2,) in the picture, as deep as ``like`` (3,)."""
         depth = (self.eye - like) @ self.back
         x, y = (np.asarray(at) - 0.5) * 2 * TANGENT * depth
-        return self.eye - depth * self.back + x * self.aspect * self.right + y * self.up
+        found: Array = self.eye - depth * self.back + x * self.aspect * self.right + y * self.up
+        return found
 
     def in_front(self, mesh: pv.PolyData) -> pv.PolyData:
         """Return ``mesh`` shrunk towards the eye: it looks the same, and nothing hides it."""

@@ -20,6 +20,7 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Geometry, Mesh, Primitive, Scene
 from harness_opt.pictures.opengl import load_pyvista
+from harness_opt.report.colours import CABLES, EDGE, HIT_PART, MOVING_PART, SHORT, STILL_PART, TOUCHES, rgb
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -29,17 +30,12 @@ SIDES = 24  # of a tube
 POINTS = 241  # along a drawn cable, so that colours change where they should
 FEATURE_ANGLE = 30.0  # degrees between faces from which an edge is drawn
 
-TOUCHES, SHORT = "#e0141e", "#f28e1c"
-CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # far from the two of trouble
-AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
-STILL_PART, MOVING_PART, HIT_PART = "#c9cdd2", "#a9b4c2", "#f0a8a4"
-EDGE, INK = "#3c434b", "#1e2328"
 TUBE: dict[str, Any] = {"ambient": 0.12, "specular": 0.25, "render": False}
 ENDS = {"start": 0, "end": -1}  # of a cable, and their stations
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class DrawnFrame:
     """One frame of a motion.
 
     Args:
@@ -57,14 +53,11 @@ class Moment:
     palette: tuple[str, ...] = CABLES
 
     @staticmethod
-    def of(motion: Motion, scene: Scene, frame: int, palette: tuple[str, ...] = CABLES) -> Moment:
+    def of(motion: Motion, scene: Scene, frame: int, palette: tuple[str, ...] = CABLES) -> DrawnFrame:
         """Return a frame of ``motion``, its clearances measured."""
         only = slice(frame, frame + 1)
-        cables = {
-            name: CableMotion(shapes.s, *(value[only] for key, value in vars(shapes).items() if key != "s"))
-            for name, shapes in motion.cables.items()
-        }
-        return Moment(motion, scene, frame, measure(motion.problem, scene, motion.motion[only], cables), palette)
+        cables = {name: shapes.frames(only) for name, shapes in motion.cables.items()}
+        return DrawnFrame(motion, scene, frame, measure(motion.problem, scene, motion.motion[only], cables), palette)
 
     @property
     def colours(self) -> dict[str, str]:
@@ -74,7 +67,7 @@ class Moment:
     @property
     def touched(self) -> set[str]:
         """Names of the parts that a cable runs into."""
-        return {pair.obstacle for pair in self.still.pairs if pair.worst < 0 and pair.obstacle in self.scene.parts}
+        return {pair.obstacle.name for pair in self.still.pairs if pair.worst < 0 and not pair.obstacle.is_cable}
 
     def pose(self, body: str) -> tuple[Array, Array]:
         """Return the position (3,) and quaternion (4,) of ``body``."""
@@ -87,11 +80,11 @@ def pose_at(motion: Motion, frame: int, body: str) -> tuple[Array, Array]:
     return position[0], quaternion[0]
 
 
-def look(moment: Moment, part: Geometry) -> tuple[float, str]:
+def look(shown: DrawnFrame, part: Geometry) -> tuple[float, str]:
     """Return the opacity and the colour of a part; what a cable runs into is glass, to see it inside."""
-    if part.name in moment.touched:
+    if part.name in shown.touched:
         return 0.42, HIT_PART
-    return 1.0, STILL_PART if moment.motion.problem.body(part.body).motion is None else MOVING_PART
+    return 1.0, STILL_PART if shown.motion.problem.body(part.body).motion is None else MOVING_PART
 
 
 def add_solid(plotter: pv.Plotter, name: str, mesh: pv.PolyData, opacity: float, colour: str) -> None:
@@ -104,32 +97,32 @@ def add_solid(plotter: pv.Plotter, name: str, mesh: pv.PolyData, opacity: float,
         plotter.add_mesh(edges, name=f"edges of {name}", opacity=min(1.0, 2.5 * opacity), **style)
 
 
-def add_cable(plotter: pv.Plotter, moment: Moment, name: str) -> pv.Actor:
+def add_cable(plotter: pv.Plotter, shown: DrawnFrame, name: str) -> pv.Actor:
     """Draw a cable in the colours of its clearances, and return its actor."""
-    drawn = tube(*cable_colours(moment, name), moment.motion.problem.cables[name].cable.radius)
+    drawn = tube(*cable_colours(shown, name), shown.motion.problem.cables[name].cable.radius)
     return plotter.add_mesh(drawn, name=f"cable:{name}", scalars="colour", rgb=True, reset_camera=False, **TUBE)
 
 
-def cable_colours(moment: Moment, name: str) -> tuple[Array, Array]:
+def cable_colours(shown: DrawnFrame, name: str) -> tuple[Array, Array]:
     """Return points (n, 3) along a cable, m, world, and their colours (n, 3), 0 to 255.
 
     Red where it touches something, orange where a clearance, the bend radius or the twist breaks its limit.
     """
-    shapes, frame = moment.motion.cables[name], moment.frame
+    shapes, frame = shown.motion.cables[name], shown.frame
     s = np.linspace(0.0, shapes.s[-1], POINTS)
     points = curve_of(shapes).at(np.full(len(s), frame), s)
     _, state = colouring.states(
-        moment.motion, moment.scene, moment.still.pairs, colouring.Points(name, frame, s, points), _reach(moment)
+        shown.motion, shown.scene, shown.still.pairs, colouring.Points(name, frame, s, points), _reach(shown)
     )
-    colours = np.tile(rgb(moment.colours[name]), (len(s), 1))
+    colours = np.tile(rgb(shown.colours[name]), (len(s), 1))
     colours[state == colouring.SHORT] = rgb(SHORT)
     colours[state == colouring.TOUCHES] = rgb(TOUCHES)
     return points, colours
 
 
-def _reach(moment: Moment) -> float:
+def _reach(shown: DrawnFrame) -> float:
     """Return how far to look for what a limit says anything about, m."""
-    return max((pair.limit or 0.0 for pair in moment.still.pairs), default=0.0)
+    return max((pair.limit or 0.0 for pair in shown.still.pairs), default=0.0)
 
 
 def solid(part: Geometry) -> pv.PolyData:
@@ -149,9 +142,10 @@ def solid(part: Geometry) -> pv.PolyData:
         else:
             mesh = pyvista.Sphere(radius=shape.radius, theta_resolution=64, phi_resolution=64)
         mesh = mesh.triangulate().clean().transform(placement(part.position, part.quaternion), inplace=False)
-    return mesh.compute_normals(
+    found: pv.PolyData = mesh.compute_normals(
         cell_normals=False, split_vertices=True, feature_angle=FEATURE_ANGLE, consistent_normals=False
     )
+    return found
 
 
 def tube(points: Array, colours: Array | None, radius: float) -> pv.PolyData:
@@ -159,7 +153,8 @@ def tube(points: Array, colours: Array | None, radius: float) -> pv.PolyData:
     line = load_pyvista().MultipleLines(points)
     if colours is not None:
         line.point_data["colour"] = colours.astype(np.uint8)
-    return line.tube(radius=radius, n_sides=SIDES, capping=True)
+    found: pv.PolyData = line.tube(radius=radius, n_sides=SIDES, capping=True)
+    return found
 
 
 def curve_of(shapes: CableMotion) -> Curve:
@@ -172,11 +167,6 @@ def placement(position: Array, quaternion: Array) -> Array:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotations.matrix(quaternion), position
     return matrix
-
-
-def rgb(colour: str) -> Array:
-    """Return red, green and blue (3,), 0 to 255, of a colour such as "#1f6fb4"."""
-    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], dtype=float)
 
 
 def light(plotter: pv.Plotter) -> None:

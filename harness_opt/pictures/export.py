@@ -82,7 +82,7 @@ def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, f
     shapes = motion.cables[name]
     points = colouring.Points(name, frame, shapes.s, shapes.position[frame])
     clearance, _ = colouring.states(motion, scene, measured.pairs, points, np.inf)
-    radius = 1.0 / np.maximum(bending(shapes.first(frame + 1))[frame], STRAIGHT)
+    radius = 1.0 / np.maximum(bending(shapes.frames(slice(frame + 1)))[frame], STRAIGHT)
     return {
         "arc_length": shapes.s,
         "curvature": shapes.curvature[frame],

@@ -117,7 +117,7 @@ def _pictures(window: Window, shown: Array) -> Iterator[Picture]:
     """Give the picture (height, width, 3) of each moment; one that shows the same frame is not drawn again."""
     frame, picture = -1, np.zeros((0, 0, 3), dtype=np.uint8)
     for moment in shown:
-        wanted = window.acts[-1].nearest(float(moment))
+        wanted = window.views[-1].nearest(float(moment))
         if wanted != frame:
             window.go(float(moment))
             frame, picture = wanted, window.picture().astype(np.uint8)

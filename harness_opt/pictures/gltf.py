@@ -21,6 +21,7 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
 from harness_opt.parts.triangles import triangles
+from harness_opt.report.colours import CABLES, MOVING_PART, STILL_PART
 
 SIDES = 16  # of a tube
 FLOAT, USHORT, UINT = 5126, 5123, 5125  # component types, section 3.6.2.2
@@ -28,8 +29,6 @@ ARRAY, ELEMENTS = 34962, 34963  # buffer targets
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 MAGIC, VERSION, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 UPRIGHT = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # x, y, z, w: from z up, ours, to y up, glTF's
-CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")
-STILL_PART, MOVING_PART = "#c9cdd2", "#a9b4c2"
 
 
 class _Writer:

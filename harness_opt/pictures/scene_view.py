@@ -12,23 +12,19 @@ from harness_opt.model.results import Motion
 from harness_opt.parts.scene import Scene
 from harness_opt.pictures.drawing import (
     ENDS,
-    INK,
-    MOVING_PART,
     POINTS,
-    TOUCHES,
     TUBE,
-    Moment,
+    DrawnFrame,
     add_cable,
     add_solid,
     curve_of,
     look,
     placement,
     pose_at,
-    rgb,
     tube,
 )
 from harness_opt.pictures.opengl import load_pyvista
-from harness_opt.report.colours import Key, ramp
+from harness_opt.report.colours import AXES, INK, MOVING_PART, TOUCHES, Key, ramp, rgb
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -39,12 +35,11 @@ if TYPE_CHECKING:
 
 EXTREMES = (0, -1)  # frames that are drawn faintly
 TRIAD = 5.0  # diameters of the cable, of the arrows of a clamp's frame
-AXES = ("#d62728", "#2ca02c", "#1f5fd0")  # d1, d2, d3
 KEY_GAP = 14  # pixels between a key and its words
 IN_FRONT = -66_000.0  # units of depth, by which VTK draws a line before everything
 
 
-class Act:
+class SceneView:
     """A motion in the active view of a plotter.
 
     Its actors are named ``part:NAME``, ``cable:NAME``, ``clamp:NAME:END``, ``ghost ...``, ``witness`` and ``words``.
@@ -69,9 +64,9 @@ class Act:
         """Draw what only moves; :meth:`show` draws the rest."""
         self.plotter, self.motion, self.scene, self.title, self.palette = plotter, motion, scene, title, palette
         self.renderer = plotter.renderer
-        self._moments: dict[int, Moment] = {}
+        self._drawn: dict[int, DrawnFrame] = {}
         for name, part in scene.parts.items():
-            add_solid(plotter, f"part:{name}", meshes[name], *look(self.moment(0), part))
+            add_solid(plotter, f"part:{name}", meshes[name], *look(self.drawn(0), part))
         for name in motion.cables:
             size = TRIAD * motion.problem.cables[name].cable.diameter
             for end in ENDS:
@@ -79,11 +74,11 @@ class Act:
                 actor.prop.lighting = False
         self._add_ghosts(meshes)
 
-    def moment(self, frame: int) -> Moment:
+    def drawn(self, frame: int) -> DrawnFrame:
         """Return a frame with its clearances; measured once."""
-        if frame not in self._moments:
-            self._moments[frame] = Moment.of(self.motion, self.scene, frame, self.palette)
-        return self._moments[frame]
+        if frame not in self._drawn:
+            self._drawn[frame] = DrawnFrame.of(self.motion, self.scene, frame, self.palette)
+        return self._drawn[frame]
 
     def nearest(self, at: float) -> int:
         """Return the solved frame nearest to ``at``, 0 to 1."""
@@ -97,14 +92,14 @@ class Act:
             colours: of the cables; None for those of the limits.
             ghosts, frames: whether the ends of the motion, and the frames of the clamps, are to be seen.
         """
-        moment, actors = self.moment(frame), self.renderer.actors
+        shown, actors = self.drawn(frame), self.renderer.actors
         for name, part in self.scene.parts.items():
             for key in {f"part:{name}", f"edges of part:{name}"} & set(actors):
-                actors[key].user_matrix = placement(*moment.pose(part.body))
-            actors[f"part:{name}"].prop.opacity, actors[f"part:{name}"].prop.color = look(moment, part)
+                actors[key].user_matrix = placement(*shown.pose(part.body))
+            actors[f"part:{name}"].prop.opacity, actors[f"part:{name}"].prop.color = look(shown, part)
         for name, shapes in self.motion.cables.items():
             if colours is None:
-                add_cable(self.plotter, moment, name)
+                add_cable(self.plotter, shown, name)
             else:
                 s = np.linspace(0.0, shapes.s[-1], POINTS)
                 points = curve_of(shapes).at(np.full(len(s), frame), s)
@@ -118,7 +113,7 @@ class Act:
         for name, actor in actors.items():
             if name.startswith(("ghost", "edges of ghost")):
                 actor.visibility = ghosts and not name.endswith(f":{frame}")
-        self._point(moment)
+        self._point(shown)
 
     def show_key(self, key: Key | None) -> None:
         """Show what the colours mean; None for the colours of the limits, which need no key."""
@@ -141,25 +136,25 @@ class Act:
 
     def _add_ghosts(self, meshes: Mapping[str, pv.PolyData]) -> None:
         """Draw the cables and the moving parts faintly at both ends of the motion."""
-        problem, moment = self.motion.problem, self.moment(0)
+        problem, shown = self.motion.problem, self.drawn(0)
         if not problem.moves:
             return
         for number in EXTREMES:
             frame = number % len(self.motion.motion)
             for name, shapes in self.motion.cables.items():
                 faint = tube(shapes.position[frame], None, problem.cables[name].cable.radius)
-                style: dict[str, Any] = {"color": moment.colours[name], "opacity": 0.22, "render": False}
+                style: dict[str, Any] = {"color": shown.colours[name], "opacity": 0.22, "render": False}
                 self.plotter.add_mesh(faint, name=f"ghost cable:{name}:{frame}", **style)
             for name, part in self.scene.parts.items():
                 if problem.body(part.body).motion is not None:
                     placed = meshes[name].transform(placement(*pose_at(self.motion, frame, part.body)), inplace=False)
                     add_solid(self.plotter, f"ghost part:{name}:{frame}", placed, 0.1, MOVING_PART)
 
-    def _point(self, moment: Moment) -> None:
+    def _point(self, shown: DrawnFrame) -> None:
         """Draw the line between a cable and what is nearest to its limit, and say how long it is."""
-        plotter, at = self.plotter, 100 * float(self.motion.motion[moment.frame])
+        plotter, at = self.plotter, 100 * float(self.motion.motion[shown.frame])
         words, colour = f"{self.title}\n{at:.1f} % of the motion", INK
-        pair = min(moment.still.pairs, key=lambda pair: pair.worst - (pair.limit or 0.0), default=None)
+        pair = min(shown.still.pairs, key=lambda pair: pair.worst - (pair.limit or 0.0), default=None)
         if pair is not None:
             broken = pair.worst < (pair.limit or 0.0)
             point = pair.nearest.point[0]
@@ -175,7 +170,7 @@ class Act:
 
 def distance_words(pair: PairClearance) -> str:
     """Return how far a cable is from an obstacle at its nearest, such as "lead: 9.1 mm deep in bracket"."""
-    other = "itself" if pair.obstacle == f"cable:{pair.cable}" else pair.obstacle.removeprefix("cable:")
+    other = pair.obstacle.words(pair.cable)
     return f"{pair.cable}: {1e3 * abs(pair.worst):.1f} mm {'deep in' if pair.worst < 0 else 'to'} {other}"
 
 
@@ -185,4 +180,5 @@ def _triad(size: float) -> pv.PolyData:
     arrows = [pyvista.Arrow(direction=axis, scale=size) for axis in np.eye(3)]
     for arrow, colour in zip(arrows, AXES, strict=True):
         arrow.point_data["colour"] = np.tile(rgb(colour), (arrow.n_points, 1)).astype(np.uint8)
-    return pyvista.merge(arrows)
+    found: pv.PolyData = pyvista.merge(arrows)
+    return found

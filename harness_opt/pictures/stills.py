@@ -14,23 +14,17 @@ import numpy as np
 from harness_opt.clearance.limits import all_limits, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.model.limits import LimitKind
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.pictures.camera import TANGENT, TITLE_ROOM, Camera
 from harness_opt.pictures.drawing import (
-    AFTER,
-    CABLES,
-    EDGE,
     ENDS,
-    INK,
-    MOVING_PART,
-    SHORT,
     SIZE,
-    TOUCHES,
     TUBE,
-    Moment,
+    DrawnFrame,
     add_cable,
     add_solid,
     cable_colours,
@@ -39,12 +33,12 @@ from harness_opt.pictures.drawing import (
     look,
     placement,
     pose_at,
-    rgb,
     solid,
     tube,
 )
 from harness_opt.pictures.opengl import drawable, load_pyvista
 from harness_opt.pictures.window import show
+from harness_opt.report.colours import CABLES, CABLES_AFTER, EDGE, INK, MOVING_PART, SHORT, SLEEVE, TOUCHES, rgb
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -55,27 +49,19 @@ __all__ = ["View", "show", "still", "worst_view", "write_pictures"]
 
 GHOSTS = (0.0, 1 / 3, 2 / 3, 1.0)  # moments of the motion that are drawn faintly
 GHOST_GAP = 0.1  # of the motion, within which a ghost would hide in the moment shown
-SLEEVE = "#4a525b"
 RING = 2.6  # radii of the cable, of the ring around the worst
 LEAST_RING = 16  # pixels
 LETTER = 1.0  # mean width of a letter in pixels, for each point of its size
 KEY_ROOM = 0.09  # share of the picture's height kept free for the keys below
 PADDING = 9  # pixels around the words at the worst
 CHANGES_NAMED = 2  # design variables in a title
-UNITS = {  # by limit: factor, digits and name
-    "clearance": (1e3, ".1f", "mm"),
-    "bend_radius": (1e3, ".1f", "mm"),
-    "twist": (180 / math.pi, ".0f", "deg/m"),
-    "clamp_force": (1.0, ".3g", "N"),
-    "clamp_moment": (1.0, ".3g", "N m"),
-}
 
 
 @dataclass(frozen=True, eq=False)
 class View:
     """One picture: a moment, the limit to point at in it, and what is written above."""
 
-    moment: Moment
+    shown: DrawnFrame
     row: LimitResult
     title: str
 
@@ -88,11 +74,11 @@ class View:
     def witness(self) -> tuple[Array, Array]:
         """Where the worst stands: points (3,) on the cable and on the obstacle, world, m."""
         row = self.row
-        for pair in self.moment.still.pairs:
-            if row.name == "clearance" and (pair.cable, pair.obstacle) == (row.cable, row.part):
+        for pair in self.shown.still.pairs:
+            if pair.id == row.id:
                 point = pair.nearest.point[0]
                 return point + pair.worst * pair.nearest.normal[0], point
-        curve = curve_of(self.moment.motion.cables[row.cable])
+        curve = curve_of(self.shown.motion.cables[row.cable])
         on_axis = curve.at(np.array([row.frame]), np.array([row.arc_length]))[0]
         return on_axis, on_axis
 
@@ -105,7 +91,7 @@ def worst_view(
     Without rows, the smallest clearance to a part, or else the smallest bend radius.
     """
     row = most_urgent(motion.problem, rows or _rows_of_zero(motion, scene))
-    return View(Moment.of(motion, scene, row.frame, palette), row, title)
+    return View(DrawnFrame.of(motion, scene, row.frame, palette), row, title)
 
 
 def _rows_of_zero(motion: Motion, scene: Scene) -> tuple[LimitResult, ...]:
@@ -145,7 +131,7 @@ def write_pictures(
         changed = _changes(result)
         views = [
             worst_view(result.motion_before, scene, result.limits_before, "Before"),
-            worst_view(motion, scene, result.limits, f"After: {changed}", AFTER),
+            worst_view(motion, scene, result.limits, f"After: {changed}", CABLES_AFTER),
         ]
         drawn = {"worst.png": [replace(views[1], title=f"Redesigned: {changed}")], "before_after.png": views}
     folder = Path(folder)
@@ -176,13 +162,13 @@ def still(views: Sequence[View], alike: Sequence[View] = ()) -> pv.Plotter:
         plotter = pyvista.Plotter(
             off_screen=True, window_size=list(SIZE), shape=(1, len(views)), border=False, lighting="none"
         )
-    meshes = {name: solid(part) for name, part in views[0].moment.scene.parts.items()}
-    camera = Camera.of([view.moment for view in alike or views], meshes, SIZE[0] / len(views) / SIZE[1])
+    meshes = {name: solid(part) for name, part in views[0].shown.scene.parts.items()}
+    camera = Camera.of([view.shown for view in alike or views], meshes, SIZE[0] / len(views) / SIZE[1])
     for column, view in enumerate(views):
         plotter.subplot(0, column)
         plotter.set_background("white")
-        _draw_ghosts(plotter, view.moment, meshes)
-        _draw_moment(plotter, view.moment, meshes)
+        _draw_ghosts(plotter, view.shown, meshes)
+        _draw_frame(plotter, view.shown, meshes)
         light(plotter)
         camera.apply(plotter)
         plotter.enable_anti_aliasing("ssaa")
@@ -193,39 +179,40 @@ def still(views: Sequence[View], alike: Sequence[View] = ()) -> pv.Plotter:
         _write_words(plotter, views[column])
         plotter.reset_camera_clipping_range()  # what is drawn in front must not be cut off
     plotter.render()
-    return plotter
+    found: pv.Plotter = plotter
+    return found
 
 
-def _draw_moment(plotter: pv.Plotter, moment: Moment, meshes: Mapping[str, pv.PolyData]) -> None:
-    """Draw the parts and cables of ``moment`` as they are, and a sleeve around each clamped end."""
-    problem = moment.motion.problem
-    for name, part in moment.scene.parts.items():
-        placed = meshes[name].transform(placement(*moment.pose(part.body)), inplace=False)
-        add_solid(plotter, f"part:{name}", placed, *look(moment, part))
-    for name, shapes in moment.motion.cables.items():
-        add_cable(plotter, moment, name).prop.interpolation = "phong"
+def _draw_frame(plotter: pv.Plotter, shown: DrawnFrame, meshes: Mapping[str, pv.PolyData]) -> None:
+    """Draw the parts and cables of ``shown`` as they are, and a sleeve around each clamped end."""
+    problem = shown.motion.problem
+    for name, part in shown.scene.parts.items():
+        placed = meshes[name].transform(placement(*shown.pose(part.body)), inplace=False)
+        add_solid(plotter, f"part:{name}", placed, *look(shown, part))
+    for name, shapes in shown.motion.cables.items():
+        add_cable(plotter, shown, name).prop.interpolation = "phong"
         radius = problem.cables[name].cable.radius
         for end, station in ENDS.items():
-            inward = rotations.tangent(shapes.quaternion[moment.frame, station]) * (1 if station == 0 else -1)
-            place = shapes.position[moment.frame, station]
+            inward = rotations.tangent(shapes.quaternion[shown.frame, station]) * (1 if station == 0 else -1)
+            place = shapes.position[shown.frame, station]
             sleeve = tube(np.array([place - 0.4 * radius * inward, place + 2.2 * radius * inward]), None, 1.5 * radius)
             plotter.add_mesh(sleeve, name=f"clamp:{name}:{end}", color=SLEEVE, **TUBE)
 
 
-def _draw_ghosts(plotter: pv.Plotter, moment: Moment, meshes: Mapping[str, pv.PolyData]) -> None:
+def _draw_ghosts(plotter: pv.Plotter, shown: DrawnFrame, meshes: Mapping[str, pv.PolyData]) -> None:
     """Draw the moving parts and the cables faintly at other moments of the motion."""
-    motion, problem = moment.motion, moment.motion.problem
+    motion, problem = shown.motion, shown.motion.problem
     for frame in {int(np.argmin(np.abs(motion.motion - at))) for at in GHOSTS}:
-        if abs(motion.motion[frame] - motion.motion[moment.frame]) < GHOST_GAP:
+        if abs(motion.motion[frame] - motion.motion[shown.frame]) < GHOST_GAP:
             continue
-        for name, part in moment.scene.parts.items():
+        for name, part in shown.scene.parts.items():
             if problem.body(part.body).motion is not None:
                 placed = meshes[name].transform(placement(*pose_at(motion, frame, part.body)), inplace=False)
                 add_solid(plotter, f"ghost part:{name}:{frame}", placed, 0.13, MOVING_PART)
         for name, shapes in motion.cables.items():
             faint = tube(shapes.position[frame], None, problem.cables[name].cable.radius)
             name_there = f"ghost cable:{name}:{frame}"
-            plotter.add_mesh(faint, name=name_there, color=moment.colours[name], opacity=0.22, render=False)
+            plotter.add_mesh(faint, name=name_there, color=shown.colours[name], opacity=0.22, render=False)
 
 
 def _point_at_worst(plotter: pv.Plotter, view: View, camera: Camera, occupied: Array) -> None:
@@ -239,7 +226,7 @@ def _point_at_worst(plotter: pv.Plotter, view: View, camera: Camera, occupied: A
     middle = 0.5 * (on_cable + on_obstacle)
     style: dict[str, Any] = {"color": TOUCHES if view.violated else INK, "lighting": False, "render": False}
     pixel = camera.distance * 2 * TANGENT / SIZE[1]  # m
-    size = max(RING * view.moment.motion.problem.cables[view.row.cable].cable.radius, LEAST_RING * pixel)
+    size = max(RING * view.shown.motion.problem.cables[view.row.cable].cable.radius, LEAST_RING * pixel)
     ring = pyvista.Disc(center=middle, inner=size, outer=size + 4.5 * pixel, normal=camera.back, c_res=64)
     plotter.add_mesh(camera.in_front(ring), name="marker", **style)
     if np.linalg.norm(on_cable - on_obstacle) > 0:
@@ -276,17 +263,17 @@ def _free_place(at: Array, words: str, occupied: Array) -> tuple[Array, Array]:
 
 def _write_words(plotter: pv.Plotter, view: View) -> None:
     """Write what is seen above the picture, and what its colours mean below it."""
-    row, moment, moves = view.row, view.moment, view.moment.motion.problem.moves
+    row, shown, moves = view.row, view.shown, view.shown.motion.problem.moves
     words = [f"{row.cable}: {_value_words(row)}"]
     if row.limit:
-        words.append(f"limit {_quantity(row.name, row.limit)} {'violated' if view.violated else 'held'}")
+        words.append(f"limit {_quantity(row.id.kind, row.limit)} {'violated' if view.violated else 'held'}")
     if moves:
         words.append(f"at {100 * row.motion:.0f} % of the motion")
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True
     _write(plotter, ", ".join(words), (0.03, 0.892), 12, TOUCHES if view.violated else INK)
-    used = {tuple(colour) for name in moment.colours for colour in cable_colours(moment, name)[1]}
+    used = {tuple(colour) for name in shown.colours for colour in cable_colours(shown, name)[1]}
     states = {"touches": TOUCHES, "breaks a limit": SHORT}
-    keys = moment.colours | {word: key for word, key in states.items() if tuple(rgb(key)) in used}
+    keys = shown.colours | {word: key for word, key in states.items() if tuple(rgb(key)) in used}
     x = 0.03
     for word, key in (keys | ({"faint: at other moments": EDGE} if moves else {})).items():
         _write(plotter, word, (x, 0.03), 11, key).prop.bold = word in keys
@@ -327,16 +314,14 @@ def _changes(design: Redesign) -> str:
     return ", ".join(words) + more or "nothing changed"
 
 
-def _quantity(name: str, value: float) -> str:
-    factor, digits, unit = UNITS[name]
-    return f"{value * factor:{digits}} {unit}"
+def _quantity(kind: LimitKind, value: float) -> str:
+    """Return an SI value of a limit in the unit shown, to as many digits as a picture has room for."""
+    shown = value * kind.from_si * kind.unit.factor
+    return f"{shown:.{min(kind.unit.digits, 1)}f} {kind.unit.name}"
 
 
 def _value_words(row: LimitResult) -> str:
-    if row.name != "clearance":
-        return f"{row.name.replace('_', ' ')} {_quantity(row.name, row.worst)}"
-    other = row.part or ""
-    if other == f"cable:{row.cable}":
-        other = "itself"
-    other = other.removeprefix("cable:")
-    return f"{_quantity(row.name, abs(row.worst))} {'deep in' if row.worst < 0 else 'to'} {other}"
+    kind, obstacle = row.id.kind, row.id.obstacle
+    if obstacle is None:
+        return f"{kind.words} {_quantity(kind, row.worst)}"
+    return f"{_quantity(kind, abs(row.worst))} {'deep in' if row.worst < 0 else 'to'} {obstacle.words(row.cable)}"

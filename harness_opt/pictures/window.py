@@ -19,10 +19,10 @@ from harness_opt.files.stored_results import read_motion
 from harness_opt.model.results import Motion
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.pictures.camera import Camera
-from harness_opt.pictures.drawing import AFTER, CABLES, EDGE, INK, SIZE, light, solid
+from harness_opt.pictures.drawing import SIZE, light, solid
 from harness_opt.pictures.opengl import drawable, has_screen, load_pyvista, quiet
-from harness_opt.pictures.scene_view import Act
-from harness_opt.report.colours import Key, keys, ramp
+from harness_opt.pictures.scene_view import SceneView
+from harness_opt.report.colours import CABLES, CABLES_AFTER, EDGE, INK, Key, keys, ramp
 
 if TYPE_CHECKING:
     from harness_opt.numerics.rotations import Array
@@ -99,16 +99,16 @@ class Window:
             )  # fmt: skip
         meshes = {name: solid(part) for name, part in scene.parts.items()}
         titles = [title] if before is None else ["Before", "After"]
-        palettes = [CABLES] if before is None else [CABLES, AFTER]
-        self.acts = []
+        palettes = [CABLES] if before is None else [CABLES, CABLES_AFTER]
+        self.views = []
         for column, (one, words, palette) in enumerate(zip(shown, titles, palettes, strict=True)):
             self.plotter.subplot(0, column)
             self.plotter.set_background("white")
             light(self.plotter)
-            self.acts.append(Act(self.plotter, one, scene, meshes, words, palette))
+            self.views.append(SceneView(self.plotter, one, scene, meshes, words, palette))
             self.plotter.enable_anti_aliasing("msaa")
         camera = Camera.of(
-            [act.moment(act.nearest(worst)) for act in self.acts], meshes, size[0] / len(shown) / size[1]
+            [view.drawn(view.nearest(worst)) for view in self.views], meshes, size[0] / len(shown) / size[1]
         )
         for column in range(len(shown)):
             self.plotter.subplot(0, column)
@@ -121,14 +121,14 @@ class Window:
     @property
     def frame(self) -> int:
         """The solved frame nearest to where the motion stands."""
-        return self.acts[-1].nearest(self.at)
+        return self.views[-1].nearest(self.at)
 
     def go(self, at: float) -> None:
         """Show the solved frames nearest to ``at``, 0 to 1."""
         self.at = min(1.0, max(0.0, at))
-        for column, act in enumerate(self.acts):
+        for column, view in enumerate(self.views):
             self.plotter.subplot(0, column)
-            act.show(act.nearest(self.at), self._colours(act), ghosts=self.ghosts, frames=self.frames)
+            view.show(view.nearest(self.at), self._colours(view), ghosts=self.ghosts, frames=self.frames)
             self.plotter.reset_camera_clipping_range()
         if self.slider is not None:
             self.slider.GetRepresentation().SetValue(self.at)
@@ -138,7 +138,8 @@ class Window:
     def picture(self) -> Array:
         """Return what is seen (height, width, 3), 0 to 255."""
         self.plotter.render()
-        return self.plotter.screenshot(None, return_img=True)
+        found: Array = self.plotter.screenshot(None, return_img=True)
+        return found
 
     def tick(self, seconds: float) -> None:
         """Let ``seconds`` pass where it plays; after the end it starts again."""
@@ -158,28 +159,28 @@ class Window:
     def colour_by(self, mode: str) -> None:
         """Colour the cables by "limits", "clearance", "bend" or "twist"."""
         if not self._keys and mode != MODES[0]:
-            self._keys = keys([(act.motion, _measured(act)) for act in self.acts])
+            self._keys = keys([(view.motion, _measured(view)) for view in self.views])
         self.mode = mode
-        self.plotter.subplot(0, len(self.acts) - 1)
-        self.acts[-1].show_key(self._keys.get(mode))
+        self.plotter.subplot(0, len(self.views) - 1)
+        self.views[-1].show_key(self._keys.get(mode))
         self.go(self.at)
 
-    def _colours(self, act: Act) -> Callable[[str, int, Array, Array], Array] | None:
+    def _colours(self, view: SceneView) -> Callable[[str, int, Array, Array], Array] | None:
         """Return what gives the colours (n, 3) of points of a cable; None leaves those of the limits."""
         if self.mode == MODES[0]:
             return None
         key, mode = self._keys[self.mode], self.mode
 
         def colours(name: str, frame: int, s: Array, points: Array) -> Array:
-            shapes = act.motion.cables[name]
+            shapes = view.motion.cables[name]
             darboux = shapes.curvature[frame]
             if mode == "bend":
                 return ramp(np.interp(s, shapes.s, np.linalg.norm(darboux[:, :2], axis=-1)) / key.most)
             if mode == "twist":
                 return ramp(np.interp(s, shapes.s, np.degrees(np.abs(darboux[:, 2]))) / key.most)
-            pairs = act.moment(frame).still.pairs
+            pairs = view.drawn(frame).still.pairs
             several = colouring.Points(name, frame, s, points)
-            nearest = colouring.states(act.motion, act.scene, pairs, several, key.most)[0]
+            nearest = colouring.states(view.motion, view.scene, pairs, several, key.most)[0]
             return ramp(1.0 - np.minimum(nearest, key.most) / key.most)
 
         return colours
@@ -196,7 +197,7 @@ class Window:
             "f": lambda: self._switch("frames"),
         }
         if moves:
-            plotter.subplot(0, len(self.acts) - 1)
+            plotter.subplot(0, len(self.views) - 1)
             self.slider = plotter.add_slider_widget(
                 self.go, (0.0, 1.0), value=self.at, title="motion", pointa=(0.6, 0.09), pointb=(0.97, 0.09),
                 color=INK, fmt="%.3f", style="modern", slider_width=0.02, tube_width=0.004, title_height=0.02,
@@ -218,6 +219,6 @@ class Window:
         self.go(self.at)
 
 
-def _measured(act: Act) -> ClearanceResult:
+def _measured(view: SceneView) -> ClearanceResult:
     """Return the clearances of a whole motion."""
-    return measure(act.motion.problem, act.scene, act.motion.motion, act.motion.cables)
+    return measure(view.motion.problem, view.scene, view.motion.motion, view.motion.cables)

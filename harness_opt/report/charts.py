@@ -11,6 +11,7 @@ import numpy as np
 from harness_opt.clearance.limits import STRAIGHT, bending
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.design import Limits
+from harness_opt.model.limits import LimitKind, Obstacle
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -111,30 +112,31 @@ def charts(
 
 
 def _clearances(measured: ClearanceResult, name: str) -> dict[str, Array]:
-    pairs = [pair for pair in measured.pairs if name in (pair.cable, pair.obstacle.removeprefix("cable:"))]
-    return {_other(pair.cable, pair.obstacle, name): MM * pair.clearance for pair in pairs}
+    itself = Obstacle(name, is_cable=True)
+    found = {}
+    for pair in measured.pairs:
+        if name == pair.cable or pair.obstacle == itself:
+            other = pair.obstacle if name == pair.cable else Obstacle(pair.cable, is_cable=True)
+            found[other.words(name)] = MM * pair.clearance
+    return found
 
 
-def _other(cable: str, obstacle: str, name: str) -> str:
-    """Return the words for what ``name`` is near to."""
-    if obstacle == f"cable:{cable}":
-        return "itself"
-    if cable != name:
-        return f"cable {cable}"
-    return obstacle.replace("cable:", "cable ", 1)
+TITLES = {
+    LimitKind.BEND_RADIUS: "Smallest bend radius",
+    LimitKind.TWIST: "Largest twist",
+    LimitKind.CLAMP_FORCE: "Clamp force",
+    LimitKind.CLAMP_MOMENT: "Clamp moment",
+}
 
 
 def _kinds(limits: Limits) -> dict[str, tuple[str, float | None, bool]]:
     """Return unit, limit in that unit, and whether it is the most allowed, by title."""
-    radius = None if limits.bend_radius is None else MM * limits.bend_radius
-    twist = None if limits.twist is None else math.degrees(limits.twist)
-    return {
-        "Smallest bend radius": ("mm", radius, False),
-        "Largest twist": ("deg/m", twist, True),
-        "Clamp force": ("N", limits.clamp_force, True),
-        "Clamp moment": ("Nm", limits.clamp_moment, True),
-        "Stability margin": ("", 0.0, False),
-    }
+    found: dict[str, tuple[str, float | None, bool]] = {}
+    for kind, title in TITLES.items():
+        limit = getattr(limits, kind.value)
+        shown = None if limit is None else kind.unit.factor * kind.from_si * limit
+        found[title] = (kind.unit.name, shown, not kind.is_least)
+    return found | {"Stability margin": ("", 0.0, False)}
 
 
 def _quantities(shapes: CableMotion) -> dict[str, dict[str, Array]]:

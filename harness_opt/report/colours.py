@@ -1,4 +1,4 @@
-"""How numbers along a cable become colours, and the key that says which: the same on pages and in windows."""
+"""All colours of pages, pictures and charts; how numbers along a cable become colours, and the key that says which."""
 
 from __future__ import annotations
 
@@ -14,6 +14,15 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 
+CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # far from the two of trouble
+CABLES_AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
+TOUCHES, SHORT = "#e0141e", "#f28e1c"  # of a point of a cable that touches something, and that breaks a limit
+STILL_PART, MOVING_PART, HIT_PART = "#c9cdd2", "#a9b4c2", "#f0a8a4"
+EDGE, INK = "#3c434b", "#1e2328"  # of parts, and of words
+AXES = ("#d62728", "#2ca02c", "#1f5fd0")  # d1, d2, d3
+SLEEVE = "#4a525b"  # of a clamp
+VERIFIED, VIOLATED = "#1f6fb4", "#b2182b"  # points of a trade-off curve
+LESS, MORE = "#c0504d", "#4f81bd"  # what a quantity below and above its nominal value does
 # of what is far from any limit (0) to what is worst (1)
 RAMP = ((0.0, "#2c6fa6"), (0.35, "#4fae9b"), (0.6, "#dcc94c"), (0.8, "#e8872c"), (1.0, "#d01c1f"))
 LIMIT_ROOM = 0.2  # of a key: other ticks keep so far from the limit's
@@ -35,19 +44,19 @@ class Key:
     ticks: tuple[tuple[float, str, bool], ...]
 
 
-def keys(acts: Sequence[tuple[Motion, ClearanceResult]]) -> dict[str, Key]:
+def keys(results: Sequence[tuple[Motion, ClearanceResult]]) -> dict[str, Key]:
     """Return the keys of "bend", "twist" and "clearance" that serve several motions of one scene.
 
     Args:
-        acts: motions and their clearances; the limits are those of the last.
+        results: motions and their clearances; the limits are those of the last.
     """
-    problem = acts[-1][0].problem
+    problem = results[-1][0].problem
     limits = problem.limits
-    bend = max(float(np.max(bending(cable))) for motion, _ in acts for cable in motion.cables.values())
+    bend = max(float(np.max(bending(cable))) for motion, _ in results for cable in motion.cables.values())
     bend = max(bend, 1.0 / limits.bend_radius if limits.bend_radius else 0.0)
-    twists = [float(np.max(np.abs(c.curvature[..., 2]))) for motion, _ in acts for c in motion.cables.values()]
+    twists = [float(np.max(np.abs(c.curvature[..., 2]))) for motion, _ in results for c in motion.cables.values()]
     twist = math.degrees(max([*twists, limits.twist or 0.0]))
-    allowed = min((pair.limit for _, found in acts for pair in found.pairs if pair.limit), default=None)
+    allowed = min((pair.limit for _, found in results for pair in found.pairs if pair.limit), default=None)
     far = colouring.far(problem)
     steps = [k / (TICKS - 1) for k in range(TICKS)]
     bends = [(t, f"{1e3 / (t * bend):.0f} mm" if t * bend > 0 else "straight") for t in steps]
@@ -74,5 +83,10 @@ def _key(title: str, most: float, ticks: list[tuple[float, str]], limit: tuple[f
 def ramp(at: Array) -> Array:
     """Return the colours (n, 3), 0 to 255, of places ``at`` (n,) on the ramp."""
     stops = np.array([stop for stop, _ in RAMP])
-    parts = np.array([[int(name[i : i + 2], 16) for i in (1, 3, 5)] for _, name in RAMP], dtype=float)
+    parts = np.array([rgb(name) for _, name in RAMP])
     return np.column_stack([np.interp(at, stops, part) for part in parts.T])
+
+
+def rgb(colour: str) -> Array:
+    """Return red, green and blue (3,), 0 to 255, of a colour such as "#1f6fb4"."""
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], dtype=float)

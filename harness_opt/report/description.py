@@ -11,6 +11,7 @@ import numpy as np
 
 from harness_opt.model.bodies import WORLD, Body, Hinge, Slide
 from harness_opt.model.cable import CableRun, End
+from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem, left_out
@@ -224,12 +225,8 @@ def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _limit_lines(content: Mapping[str, Any]) -> Iterator[str]:
-    units = {"clearance": (1e3, "mm"), "bend_radius": (1e3, "mm"), "twist": (math.degrees(1.0), "deg/m")}
-    units |= {"clamp_force": (1.0, "N"), "clamp_moment": (1.0, "N m")}
-    limits = [
-        f"{name.replace('_', ' ')} {limit * units[name][0]:.6g} {units[name][1]}"
-        for name, limit in content["limits"].items()
-    ]
+    kinds = [(LimitKind(name), limit) for name, limit in content["limits"].items()]
+    limits = [f"{kind.words} {limit * kind.from_si * kind.unit.factor:.6g} {kind.unit.name}" for kind, limit in kinds]
     if limits:
         yield f"Limits: {', '.join(limits)}."
     if content["design"]:

@@ -20,13 +20,13 @@ import numpy as np
 from harness_opt.clearance.limits import all_limits, bending, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.results import Motion
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
-from harness_opt.report import charts
-from harness_opt.report import colours as colour_keys
+from harness_opt.report import charts, colours
 from harness_opt.report import page_rows as report_words
 from harness_opt.report.data_sheet import data_sheets
 from harness_opt.report.scene_data import part_data, scene_data, view_data
@@ -39,8 +39,6 @@ Json = dict[str, Any]
 
 FILE = "report.html"
 SCRIPTS = ("geometry.js", "view.js", "stage.js", "page.js")  # in the order they are read
-COLOURS = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # of cables, as in the pictures
-COLOURS_AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,25 +109,26 @@ def _stage(
     motion: Motion, measured: ClearanceResult, given: tuple[Motion, ClearanceResult] | None, scene: Scene
 ) -> Json:
     """Return what the scene is drawn from."""
-    acts = [(motion, measured)] if given is None else [given, (motion, measured)]
-    share = 1.0 / len(acts)
-    scenes = [scene_data(one, scene, clearances, share) for one, clearances in acts]
+    results = [(motion, measured)] if given is None else [given, (motion, measured)]
+    share = 1.0 / len(results)
+    scenes = [scene_data(one, scene, clearances, share) for one, clearances in results]
     titles = [""] if given is None else ["Before", "After"]
-    palettes = [COLOURS] if given is None else [COLOURS, COLOURS_AFTER]
-    for act, title, palette in zip(scenes, titles, palettes, strict=True):
-        act |= {"title": title, "colours": palette}
+    palettes = [colours.CABLES] if given is None else [colours.CABLES, colours.CABLES_AFTER]
+    for entry, title, palette in zip(scenes, titles, palettes, strict=True):
+        entry |= {"title": title, "colours": palette}
     worst = []
-    for one, clearances in acts:
+    for one, clearances in results:
         rows = all_limits(one.problem, one, clearances)
         frame = most_urgent(one.problem, rows).frame if rows else _most_bent(one)
         worst.append(float(one.motion[frame]))
-    shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in acts]
+    shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in results]
     return {
         "scenes": scenes,
         "parts": part_data(motion, scene),
         "view": view_data(shown),
-        "scales": {mode: dataclasses.asdict(key) for mode, key in colour_keys.keys(acts).items()},
-        "ramp": colour_keys.RAMP,
+        "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
+        "ramp": colours.RAMP,
+        "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
         "duration": motion.problem.duration,
         "worst": worst[0],
         "begin": worst[0],
@@ -144,7 +143,7 @@ def _most_bent(motion: Motion) -> int:
 # --- the page ------------------------------------------------------------------------------------------
 
 
-def html(report: Report, summary: Mapping[str, Any], texts: Mapping[str, str] | None = None) -> str:
+def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = None) -> str:
     """Return the page.
 
     Args:
@@ -186,7 +185,7 @@ def html(report: Report, summary: Mapping[str, Any], texts: Mapping[str, str] | 
         moments=[(charts.place(at), f"{100 * at:.0f}") for at in (0.0, 0.25, 0.5, 0.75, 1.0)],
         modes=_modes(report.measured),
         cables=list(motion.cables),
-        colours=COLOURS if report.given is None else COLOURS_AFTER,
+        colours=colours.CABLES if report.given is None else colours.CABLES_AFTER,
         triads=True,
         scene_notes=list(_scene_notes(data)),
         sheets=report_words.sheet_rows(motion, data_sheets(motion)) if len(motion.motion) else None,
@@ -216,7 +215,7 @@ def _modes(measured: ClearanceResult) -> list[tuple[str, str]]:
     return [mode for mode in modes if measured.pairs or mode[0] != "clearance"]
 
 
-def _facts(motion: Motion, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _facts(motion: Motion, summary: Summary) -> list[tuple[str, str]]:
     problem = motion.problem
     lengths = ", ".join(f"{1e3 * run.cable.length:.1f} mm" for run in problem.cables.values())
     return [
@@ -234,10 +233,10 @@ def _scene_notes(data: Json) -> list[str]:
     if "scenes" not in data:
         return []
     notes = ["Drag to turn, shift-drag to move, click and scroll to zoom; arrow keys step from frame to frame."]
-    for act in data["scenes"]:
-        if len(act["frames"]) < act["solved"]:
-            which = f"{act['title']}: " if act["title"] else ""
-            notes.append(f"{which}{len(act['frames'])} of the {act['solved']} solved frames are drawn here.")
+    for entry in data["scenes"]:
+        if len(entry["frames"]) < entry["solved"]:
+            which = f"{entry['title']}: " if entry["title"] else ""
+            notes.append(f"{which}{len(entry['frames'])} of the {entry['solved']} solved frames are drawn here.")
     coarse = [part["name"] for part in data["parts"] if part["triangles"] < 0.9 * part["triangles_of"]]
     if coarse:
         notes.append(f"Drawn with fewer triangles than were measured against: {', '.join(coarse)}.")
@@ -259,7 +258,7 @@ def _texts(report: Report) -> dict[str, str]:
     return {f"{problem.file.name} (as it was understood)": problem_text(problem, problem.file)[0]}
 
 
-def _footer(summary: Mapping[str, Any]) -> str:
+def _footer(summary: Summary) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
     file, sha = summary["problem"]["file"], summary["problem"]["sha256"]
     source = f" From {Path(file).name}, SHA-256 {sha}." if file else ""
@@ -267,7 +266,7 @@ def _footer(summary: Mapping[str, Any]) -> str:
     return f"Written {datetime.date.today().isoformat()} by {versions}.{source} Time: {seconds}."
 
 
-def write_page(report: Report, summary: Mapping[str, Any], folder: Path) -> str:
+def write_page(report: Report, summary: Summary, folder: Path) -> str:
     """Write the page into ``folder``, with the redesigned problem file that lies there, and return its name."""
     texts = _texts(report)
     redesigned = folder / "redesigned.toml"

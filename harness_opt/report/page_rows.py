@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.files.summary import LimitEntry, Summary, limit_of
+from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
+from harness_opt.report import charts
 from harness_opt.report import words as tables
 from harness_opt.report.data_sheet import DataSheet, Ranging
 
@@ -26,7 +29,7 @@ WORDS = {
 MOST_CYCLES = 4  # listed for each quantity, the largest first
 
 
-def verdict(summary: Mapping[str, Any]) -> tuple[str, str]:
+def verdict(summary: Summary) -> tuple[str, str]:
     """Return the verdict in a few words, and its tone: "good", "bad" or "warn"."""
     if summary["status"] == "ok" and not summary["stable"]:
         return "All limits hold, not all shapes are stable", "warn"
@@ -35,32 +38,31 @@ def verdict(summary: Mapping[str, Any]) -> tuple[str, str]:
     return WORDS[summary["status"]]
 
 
-def conclusion(summary: Mapping[str, Any]) -> str:
+def conclusion(summary: Summary) -> str:
     """Return what to say beside the verdict: what is violated, or else what is tightest."""
     rows = [row for row in summary["limits"] if row["margin"] is not None]
     if summary["status"] != "ok" or not rows:
         return tables.conclusion(summary)
-    tight = min(rows, key=lambda row: row["margin"] / (abs(row["limit"]) or 1.0))
-    margin = tables.quantity(tight["name"], tight["margin"])
+    tight = min(rows, key=_share)
+    margin = tables.quantity(tight, tight["margin"])
     at = tables.percent(tight["motion"])
     return f"The tightest of {len(rows)} is {tables.limit_words(tight)}: {margin} to spare, at {at} of the motion."
 
 
-def limit_rows(rows: Sequence[Mapping[str, Any]]) -> list[Json]:
+def limit_rows(rows: Sequence[LimitEntry]) -> list[Json]:
     """Return the limits of a summary as the cells of a table."""
     found = []
     for row in rows:
-        name, holds = row["name"], tables.holds(row)
-        share = -1.0 if row["margin"] is None else row["margin"] / (abs(row["limit"]) or 1.0)
-        reach = BAR * min(1.0, abs(share))
+        holds = tables.holds(row)
+        reach = BAR * min(1.0, abs(_share(row)))
         found.append(
             {
-                "label": tables.label(name),
+                "label": KIND_OF_KEY[row["name"]].words,
                 "cable": row["cable"],
                 "against": tables.against(row),
-                "allowed": tables.quantity(name, row["limit"]),
-                "worst": tables.quantity(name, row["worst"]),
-                "margin": tables.quantity(name, row["margin"], "+"),
+                "allowed": tables.quantity(row, row["limit"]),
+                "worst": tables.quantity(row, row["worst"]),
+                "margin": tables.quantity(row, row["margin"], "+"),
                 "holds": holds,
                 "bar": (0.0 if holds else round(-reach, 2), round(max(reach, 1.0), 2)),
                 "motion": row["motion"],
@@ -71,10 +73,15 @@ def limit_rows(rows: Sequence[Mapping[str, Any]]) -> list[Json]:
     return found
 
 
-def _certainty(row: Mapping[str, Any]) -> str:
+def _share(row: LimitEntry) -> float:
+    """Return a margin as a share of its limit."""
+    return -1.0 if row["margin"] is None else row["margin"] / (abs(row["limit"] or 0.0) or 1.0)
+
+
+def _certainty(row: LimitEntry) -> str:
     """Return how sure the worst value of a row is between the points that were looked at."""
-    unit, scale, _ = tables.UNITS[row["name"]]
-    tolerance = "-" if row["tolerance"] is None else f"{row['tolerance'] * scale:.2g} {unit}"
+    unit = KIND_OF_KEY[row["name"]].unit
+    tolerance = "-" if row["tolerance"] is None else f"{row['tolerance'] * unit.factor:.2g} {unit.name}"
     if row["certified"]:
         return f"certain, to {tolerance}"
     if row.get("certified_along_arc"):
@@ -83,7 +90,10 @@ def _certainty(row: Mapping[str, Any]) -> str:
 
 
 def live_rows(
-    motion: Motion, measured: ClearanceResult, rows: Sequence[Mapping[str, Any]], curves: Mapping
+    motion: Motion,
+    measured: ClearanceResult,
+    rows: Sequence[LimitEntry],
+    curves: Mapping[str, Mapping[str, Mapping[str, Array]]],
 ) -> list[Json]:
     """Return the values of each limit's row at every frame, in the unit shown; None where there is none.
 
@@ -92,23 +102,18 @@ def live_rows(
         rows: limits of the summary.
         curves: values (P,) by cable, title and name of a chart.
     """
-    titles = {
-        "bend_radius": "Smallest bend radius",
-        "twist_deg_per_m": "Largest twist",
-        "clamp_force": "Clamp force",
-        "clamp_moment": "Clamp moment",
-    }
+    pairs = {pair.id: pair for pair in measured.pairs}
     found = []
     for row in rows:
-        unit, scale, _ = tables.UNITS[row["name"]]
-        if row["name"] == "clearance":
-            pairs = [p for p in measured.pairs if (p.cable, p.obstacle) == (row["cable"], row["part"])]
-            values = 1e3 * pairs[0].clearance
+        which = limit_of(row)
+        kind, unit = which.kind, which.kind.unit
+        if kind is LimitKind.CLEARANCE:
+            values = unit.factor * pairs[which].clearance
         else:
-            values = np.max(list(curves[row["cable"]][titles[row["name"]]].values()), axis=0)
-        most = row["name"] not in {"clearance", "bend_radius"}
-        digits = 0 if unit == "deg/m" else 2
-        found.append({"values": plain(values), "limit": scale * row["limit"], "most": most, "digits": digits})
+            values = np.max(list(curves[row["cable"]][charts.TITLES[kind]].values()), axis=0)
+        limit = None if row["limit"] is None else unit.factor * row["limit"]
+        digits = min(unit.digits, 2)
+        found.append({"values": plain(values), "limit": limit, "most": not kind.is_least, "digits": digits})
     return found
 
 
@@ -120,10 +125,10 @@ def plain(values: Array) -> list[float | None]:
 # --- redesign ------------------------------------------------------------------------------------------
 
 
-def variable_rows(summary: Mapping[str, Any]) -> list[Json]:
+def variable_rows(summary: Summary) -> list[Json]:
     """Return the design variables of a summary as the cells of a table; none for a simulation."""
     found = []
-    for name, row in summary.get("redesign", {}).get("variables", {}).items():
+    for name, row in summary["redesign"]["variables"].items() if "redesign" in summary else ():
         unit, scale, digits = ("deg", 1.0, 2) if name.endswith("_deg") else ("mm", 1e3, 1)
 
         def words(value: float | None, sign: str = "", scale: float = scale, digits: int = digits) -> str:
@@ -142,7 +147,7 @@ def variable_rows(summary: Mapping[str, Any]) -> list[Json]:
     return found
 
 
-def redesign_words(summary: Mapping[str, Any]) -> Iterator[str]:
+def redesign_words(summary: Summary) -> Iterator[str]:
     """Give what else there is to say about a redesign, a sentence each."""
     if "redesign" not in summary:
         return
@@ -153,22 +158,20 @@ def redesign_words(summary: Mapping[str, Any]) -> Iterator[str]:
     yield from tables.redesign_words(summary)
 
 
-def before_after(summary: Mapping[str, Any]) -> list[Json]:
+def before_after(summary: Summary) -> list[Json]:
     """Return the limits of a redesign's summary before and after as the cells of a table."""
-    if not summary.get("redesign", {}).get("limits_before"):
+    if "redesign" not in summary or not summary["redesign"]["limits_before"]:
         return []
-    key = ("name", "cable", "part")
-    before = {tuple(row[k] for k in key): row for row in summary["redesign"]["limits_before"]}
+    before = {row["id"]: row for row in summary["redesign"]["limits_before"]}
     found = []
     for row in summary["limits"]:
-        old = before.get(tuple(row[k] for k in key))
-        name = row["name"]
+        old = before.get(row["id"])
         found.append(
             {
                 "words": tables.limit_words(row),
-                "allowed": tables.quantity(name, row["limit"]),
-                "before": "-" if old is None else tables.quantity(name, old["worst"]),
-                "after": tables.quantity(name, row["worst"]),
+                "allowed": tables.quantity(row, row["limit"]),
+                "before": "-" if old is None else tables.quantity(old, old["worst"]),
+                "after": tables.quantity(row, row["worst"]),
                 "before_holds": old is None or tables.holds(old),
                 "after_holds": tables.holds(row),
             }
@@ -224,7 +227,7 @@ def _straight(radius: float, words: str) -> str:
 # --- notes ---------------------------------------------------------------------------------------------
 
 
-def notes(summary: Mapping[str, Any]) -> Iterator[str]:
+def notes(summary: Summary) -> Iterator[str]:
     """Give what a reader has to know: what is certain, what was left out, how exact the shapes are."""
     yield from tables.notes(summary)
     clearances = [row for row in summary["limits"] if row["name"] == "clearance"]

@@ -13,10 +13,11 @@ from harness_opt.errors import ProblemError
 from harness_opt.files.arrays import write_arrays
 from harness_opt.files.read import write_problem
 from harness_opt.files.result_folder import SUMMARY, replacing
+from harness_opt.files.summary import Command, Summary
 from harness_opt.model.problem import input_files
 from harness_opt.model.results import Motion
 from harness_opt.numerics.threads import one_at_a_time
-from harness_opt.report.summary import Json, _asked, as_json, summary, timed
+from harness_opt.report.summary import _asked, as_json, summary, timed
 
 if TYPE_CHECKING:
     from harness_opt.design.result import Redesign
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
 
 
-Page = Callable[[Json, Path], str]  # writes a report of a summary into a folder
+Page = Callable[[Summary, Path], str]  # writes a report of a summary into a folder
 
 
 @one_at_a_time
@@ -34,10 +35,10 @@ def write_results(
     folder: str | Path,
     *,
     measured: ClearanceResult | None = None,
-    command: str | None = None,
+    command: Command | None = None,
     pictures: Pictures | None = None,
     page: Page | None = None,
-) -> Json:
+) -> Summary:
     """Write the result folder, complete or not at all, and return its summary.
 
     It holds ``summary.json`` and ``motion.npz``; for a redesign also ``redesigned.toml`` and ``before.npz``,

@@ -91,7 +91,8 @@ def _nearest(pair: PairClearance, kept: Indices) -> Json:
     on_cable = point + clearance[:, None] * pair.nearest.normal[kept]
     return {
         "cable": pair.cable,
-        "obstacle": pair.obstacle,
+        "part": None if pair.obstacle.is_cable else pair.obstacle.name,
+        "other": pair.obstacle.words(pair.cable),
         "limit": pair.limit,
         "clearance": np.round(clearance, 7).tolist(),
         "points": pack(np.hstack([on_cable, point]), np.float32),

@@ -1,4 +1,4 @@
-"""What a run found, for other programs: the summary as JSON, shapes as plain arrays, the result folder."""
+"""What a run found, for other programs: the summary that ``summary.json`` holds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 import math
 import platform
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,24 +17,43 @@ from harness_opt.clearance.limits import cable_limits, held
 from harness_opt.clearance.measure import clearances
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.files.result_folder import SUMMARY
+from harness_opt.files.summary import (
+    Command,
+    CycleEntry,
+    LimitEntry,
+    PairEntry,
+    PriceEntry,
+    ProblemEntry,
+    RangeEntry,
+    RedesignEntry,
+    RelaxationEntry,
+    RobustEntry,
+    SheetEntry,
+    SnapEntry,
+    StepEntry,
+    Summary,
+    VariableEntry,
+    Verdict,
+    WithinEntry,
+    YieldEntry,
+    key_in_file_units,
+    obstacle_entry,
+)
 from harness_opt.model import design_variables
+from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.numerics.rotations import Array
-from harness_opt.report.data_sheet import DataSheet, data_sheets
+from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
 
 if TYPE_CHECKING:
     from harness_opt.design.prices import Price
     from harness_opt.design.relaxations import Relaxation
     from harness_opt.design.result import Redesign
+    from harness_opt.design.robustness import Robustness, Within, Yield
+    from harness_opt.design.sqp import Step
 
-if TYPE_CHECKING:
-    from harness_opt.design.result import Redesign
-
-Json = dict[str, Any]
-LimitWords = Callable[[LimitResult], Json]
-FILE_WORDS = {"twist": ("twist_deg_per_m", math.degrees(1.0))}  # name and unit in the file of what is in rad here
 
 SCHEMA = 1  # of the summary
 PACKAGES = ("numpy", "scipy", "casadi", "trimesh", "coal", "pyvista")  # whose versions can matter
@@ -44,7 +63,7 @@ PHASES = ("load", "solve", "clearance", "pictures")
 # --- the summary ---------------------------------------------------------------------------------------
 
 
-def verdict(result: Motion | Redesign, rows: Iterable[LimitResult]) -> str:
+def verdict(result: Motion | Redesign, rows: Iterable[LimitResult]) -> Verdict:
     """Return "ok", "violated", "infeasible" or "unsolved".
 
     Args:
@@ -62,9 +81,9 @@ def summary(
     result: Motion | Redesign,
     measured: ClearanceResult | None = None,
     *,
-    command: str | None = None,
+    command: Command | None = None,
     files: Iterable[str] = (),
-) -> Json:
+) -> Summary:
     """Return ``summary.json`` as dicts and lists that strict JSON can hold: what is not finite is None.
 
     Args:
@@ -85,7 +104,7 @@ def summary(
     seconds |= {"report": float(result.timing["report"])} if "report" in result.timing else {}
     seconds["total"] = float(result.timing.get("total", sum(seconds.values())))
     pictures = () if "pictures" in result.timing else ("pictures",)
-    content = {
+    content: Summary = {
         "schema": SCHEMA,
         "command": command,
         "problem": problem_words(_asked(result)),
@@ -96,10 +115,10 @@ def summary(
         "frames": len(motion.motion),
         "limits": [_limit(row, measured) for row in rows],
         "clearances": [_pair(pair) for pair in measured.pairs],
-        "open_meshes": sorted({pair.obstacle for pair in measured.pairs if not pair.closed}),
+        "open_meshes": sorted({pair.obstacle.name for pair in measured.pairs if not pair.closed}),
         "frames_solved_between": dict(measured.inserted),
         "data_sheet": {name: _sheet(sheet) for name, sheet in data_sheets(motion).items()},
-        "snaps": [dataclasses.asdict(snap) for snap in motion.snaps],
+        "snaps": [SnapEntry(cable=snap.cable, frame=snap.frame, motion=snap.motion) for snap in motion.snaps],
         "stable": bool(motion.cables) and all(np.all(cable.stable) for cable in motion.cables.values()),
         "equilibrium": {
             "max_residual": _largest(cable.residual for cable in motion.cables.values()),
@@ -111,8 +130,9 @@ def summary(
         "files": sorted({*files, SUMMARY}),
     }
     if command == "redesign":
-        content["redesign"] = redesign_summary(result, _limit)
-    return _strict(content)
+        content["redesign"] = redesign_summary(result)
+    found: Summary = _strict(content)
+    return found
 
 
 def timed(result: Motion | Redesign, **seconds: float) -> Any:
@@ -128,7 +148,7 @@ def _asked(result: Motion | Redesign) -> Problem:
     return result.problem if isinstance(result, Motion) else result.original
 
 
-def problem_words(problem: Problem) -> Json:
+def problem_words(problem: Problem) -> ProblemEntry:
     """Return title, file and sha256 of ``problem``."""
     file = None if problem.file is None else str(problem.file)
     return {"title": problem.title, "file": file, "sha256": problem.sha256}
@@ -147,45 +167,66 @@ def _version(package: str) -> str:
         return str(getattr(sys.modules.get(package), "__version__", "not installed"))
 
 
-def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> Json:
+def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> LimitEntry:
     """Return a limit's row in the words and the unit of the problem file."""
-    name, unit = FILE_WORDS.get(row.name, (row.name, 1.0))
-    entry = dataclasses.asdict(row) | {"name": name}
-    entry |= {key: unit * entry[key] for key in ("limit", "worst", "margin", "tolerance")}
-    if measured is not None and row.name == "clearance":
-        entry["certified_along_arc"] = any(
-            pair.certified_along_arc for pair in measured.pairs if (pair.cable, pair.obstacle) == (row.cable, row.part)
-        )
+    kind, unit = row.id.kind, row.id.kind.from_si
+    part, other = obstacle_entry(row.id.obstacle)
+    entry = LimitEntry(
+        id=str(row.id),
+        name=kind.key,
+        cable=row.cable,
+        part=part,
+        other_cable=other,
+        limit=unit * row.limit,
+        worst=unit * row.worst,
+        margin=unit * row.margin,
+        frame=row.frame,
+        motion=row.motion,
+        arc_length=row.arc_length,
+        certified=row.certified,
+        tolerance=unit * row.tolerance,
+        reason=row.reason,
+    )
+    if measured is not None and kind is LimitKind.CLEARANCE:
+        entry["certified_along_arc"] = any(pair.certified_along_arc for pair in measured.pairs if pair.id == row.id)
     return entry
 
 
-def _pair(pair: PairClearance) -> Json:
+def _pair(pair: PairClearance) -> PairEntry:
     """Return a measured pair, with a limit or without."""
-    return {
-        "cable": pair.cable,
-        "part": pair.obstacle,
-        "limit": pair.limit,
-        "smallest": pair.worst,
-        "lower_bound": pair.lower_bound,
-        "frame": pair.frame,
-        "motion": pair.motion,
-        "arc_length": pair.arc_length,
-        "certified_along_arc": pair.certified_along_arc,
-        "excluded_near_clamps": dict(zip(("start", "end"), pair.excluded, strict=True)),
-        "closed": pair.closed,
-    }
+    return PairEntry(
+        cable=pair.cable,
+        part=pair.obstacle.key,
+        other_cable=obstacle_entry(pair.obstacle)[1],
+        limit=pair.limit,
+        smallest=pair.worst,
+        lower_bound=pair.lower_bound,
+        frame=pair.frame,
+        motion=pair.motion,
+        arc_length=pair.arc_length,
+        certified_along_arc=pair.certified_along_arc,
+        excluded_near_clamps=dict(zip(("start", "end"), pair.excluded, strict=True)),
+        closed=pair.closed,
+    )
 
 
-def _sheet(sheet: DataSheet) -> Json:
+def _sheet(sheet: DataSheet) -> SheetEntry:
     """Return a data sheet with twists in degrees, as the problem file has them."""
-    entry = dataclasses.asdict(sheet)
-    turn = math.degrees(1.0)
-    entry["twist_deg_per_m"] = turn * entry.pop("twist")
-    entry["bend_range"] = entry.pop("bend")
-    twisting = entry.pop("twisting")
-    cycles = [{key: value * (1.0 if key == "count" else turn) for key, value in c.items()} for c in twisting["cycles"]]
-    entry["twist_range_deg_per_m"] = twisting | {"range": turn * twisting["range"], "cycles": cycles}
-    return entry
+    turn = LimitKind.TWIST.from_si
+    return SheetEntry(
+        bend_radius=sheet.bend_radius,
+        bend_diameters=sheet.bend_diameters,
+        twist_deg_per_m=turn * sheet.twist,
+        bend_range=_range(sheet.bend, 1.0),
+        twist_range_deg_per_m=_range(sheet.twisting, turn),
+        sag=sheet.sag,
+        reach=list(sheet.reach),
+    )
+
+
+def _range(found: Ranging, unit: float) -> RangeEntry:
+    cycles = [CycleEntry(range=unit * c.range, mean=unit * c.mean, count=c.count) for c in found.cycles]
+    return RangeEntry(range=unit * found.range, arc_length=found.arc_length, cycles=cycles)
 
 
 def _largest(values: Iterable[Array]) -> float | None:
@@ -205,7 +246,7 @@ def _strict(value: Any) -> Any:
     return value
 
 
-def as_json(content: Json) -> str:
+def as_json(content: Mapping[str, Any]) -> str:
     """Return ``content`` as strict JSON text: what is not finite is null."""
     return json.dumps(_strict(content), indent=2, allow_nan=False)
 
@@ -213,55 +254,112 @@ def as_json(content: Json) -> str:
 # --- of a redesign --------------------------------------------------------------------------------------
 
 
-def redesign_summary(result: Motion | Redesign, limit_words: LimitWords) -> Json:
+def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
     """Return the part of a summary that is about the redesign.
 
     Args:
         result: a redesign, or the motion of the design given where that could not be simulated.
-        limit_words: a limit's row as the summary has it.
     """
     from harness_opt.report.trade_off_files import trade_off_summary  # a simulation needs none of the rooms behind it
 
     if isinstance(result, Motion):  # no other design was looked for
         problem = result.problem
         given = zip(problem.design.variables, design_variables.values(problem), strict=True)
-        bounds = {v.name: (float(at), None, v.lower, v.upper) for v, at in given}
-        return {
-            "variables": {
-                name: dict(zip(("before", "after", "lower", "upper"), values, strict=True))
-                for name, values in bounds.items()
+        return RedesignEntry(
+            variables={
+                v.name: VariableEntry(before=float(at), after=None, lower=v.lower, upper=v.upper) for v, at in given
             },
-            "iterations": 0,
-            "limits_before": [],
-            "active": [],
-        }
+            iterations=0,
+            limits_before=[],
+            active=[],
+        )
     design = result.original.design
-    return {
-        "variables": {name: dataclasses.asdict(found) for name, found in result.variables.items()},
-        "goal": design.maximise or design.minimise,
-        "coupled": {coupling.name: coupling.words for coupling in design.couplings},
-        "moved_inside": {name: {"from": a, "to": b} for name, (a, b) in result.moved.items()},
-        "iterations": result.iterations,
-        "limits_before": [limit_words(row) for row in result.limits_before],
-        "active": list(result.active),
-        "in_the_way": [_relaxation(found) for found in result.relaxations],
-        "costs": [_price(found) for found in result.prices],
-        "history": [dataclasses.asdict(step) for step in result.history],
-        **({} if result.robust is None else {"robust": dataclasses.asdict(result.robust)}),
-        **({} if result.trade_off is None else {"pareto": trade_off_summary(result.trade_off)}),
-    }
-
-
-def _relaxation(found: Relaxation) -> Json:
-    name, unit = FILE_WORDS.get(found.kind, (found.kind, 1.0))
-    entry = dataclasses.asdict(found) | {"kind": name, "key": found.key.replace(f".{found.kind}", f".{name}")}
-    for value in ("value", "estimate", "enough"):
-        entry[value] = None if entry[value] is None else unit * entry[value]
+    entry = RedesignEntry(
+        variables={
+            name: VariableEntry(before=v.before, after=v.after, lower=v.lower, upper=v.upper)
+            for name, v in result.variables.items()
+        },
+        goal=design.maximise or design.minimise,
+        coupled={coupling.name: coupling.words for coupling in design.couplings},
+        moved_inside={name: {"from": a, "to": b} for name, (a, b) in result.moved.items()},
+        iterations=result.iterations,
+        limits_before=[_limit(row) for row in result.limits_before],
+        active=[str(held) for held in result.active],
+        in_the_way=[_relaxation(found) for found in result.relaxations],
+        costs=[_price(found) for found in result.prices],
+        history=[_step(step) for step in result.history],
+    )
+    if result.robust is not None:
+        entry["robust"] = _robust(result.robust)
+    if result.trade_off is not None:
+        entry["pareto"] = trade_off_summary(result.trade_off)
     return entry
 
 
-def _price(found: Price) -> Json:
-    name, unit = FILE_WORDS.get(found.kind, (found.kind, 1.0))
-    entry = dataclasses.asdict(found) | {"kind": name, "key": found.key.replace(f".{found.kind}", f".{name}")}
-    buys = {variable: unit * float(rate) for variable, rate in found.buys.items()}
-    return entry | {"value": unit * found.value, "saves": found.saves / unit, "buys": buys}
+def _step(step: Step) -> StepEntry:
+    return StepEntry(
+        aim=step.aim,
+        objective=step.objective,
+        margin=step.margin,
+        limit=None if step.limit is None else str(step.limit),
+        amount=step.amount,
+        trust=step.trust,
+        step=step.step,
+        accepted=step.accepted,
+    )
+
+
+def _robust(found: Robustness) -> RobustEntry:
+    return RobustEntry(
+        hold=found.hold,
+        asked=found.asked,
+        holds=found.holds,
+        rounds=found.rounds,
+        before=None if found.before is None else _within(found.before),
+        after=None if found.after is None else _within(found.after),
+        yield_before=None if found.yield_before is None else _yield(found.yield_before),
+        yield_after=None if found.yield_after is None else _yield(found.yield_after),
+    )
+
+
+def _within(found: Within) -> WithinEntry:
+    by_limit, nominal, allowances = (
+        {str(limit): value for limit, value in values.items()}
+        for values in (found.by_limit, found.nominal, found.allowances)
+    )
+    return WithinEntry(
+        share=found.share, corner=found.corner, by_limit=by_limit, nominal=nominal, allowances=allowances
+    )
+
+
+def _yield(found: Yield) -> YieldEntry:
+    return YieldEntry(
+        share=found.share, samples=found.samples, error=found.error, failures=found.failures, linear=found.linear
+    )
+
+
+def _relaxation(found: Relaxation) -> RelaxationEntry:
+    kind, unit = key_in_file_units(found.kind)
+    return RelaxationEntry(
+        key=found.key,
+        kind=kind,
+        part=found.part,
+        value=unit * found.value,
+        share=found.share,
+        estimate=unit * found.estimate,
+        enough=None if found.enough is None else unit * found.enough,
+        variables=dict(found.variables),
+    )
+
+
+def _price(found: Price) -> PriceEntry:
+    kind, unit = key_in_file_units(found.kind)
+    return PriceEntry(
+        key=found.key,
+        kind=kind,
+        part=found.part,
+        value=unit * found.value,
+        saves=found.saves / unit,
+        of=found.of,
+        buys={variable: unit * float(rate) for variable, rate in found.buys.items()},
+    )

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import csv
-import math
 from pathlib import Path
-from typing import Any
 
-from harness_opt.design.trade_off import FLOORS, TradeOff
+from harness_opt.design.trade_off import AIMS, FLOORS, TradeOff
 from harness_opt.files.read import write_problem
+from harness_opt.files.summary import TradeOffEntry
+from harness_opt.model.limits import MILLIMETRES, LimitKind, Unit
+from harness_opt.report.colours import VERIFIED, VIOLATED
 
 TABLE, PLOT = "pareto.csv", "pareto.png"
-# name and unit in the file of each quantity, and how many of those are one here
-SHOWN = {
-    "length": ("length", "m", 1.0),
-    "change": ("change", "", 1.0),
-    "clearance": ("clearance", "m", 1.0),
-    "bend_radius": ("bend_radius", "m", 1.0),
-    "twist": ("twist_deg_per_m", "deg/m", math.degrees(1.0)),
-    "clamp_force": ("clamp_force", "N", 1.0),
-    "clamp_moment": ("clamp_moment", "N m", 1.0),
-}
-PLOTTED = {"m": ("mm", 1e3)}
+AIM_UNITS = {"length": MILLIMETRES, "change": Unit("", 1.0, 2)}  # in which aims are plotted
 
 
-def trade_off_summary(curve: TradeOff) -> dict[str, Any]:
+def _in_file(name: str) -> tuple[str, float]:
+    """Return what a quantity is called in the problem file, and how many of its units there one SI unit is."""
+    return (name, 1.0) if name in AIMS else (LimitKind(name).key, LimitKind(name).from_si)
+
+
+def trade_off_summary(curve: TradeOff) -> TradeOffEntry:
     """Return ``curve`` as a summary has it, in the units of the problem file."""
-    (first, _, a), (second, _, b), (stepped, _, c) = (
-        SHOWN[name] for name in (curve.first, curve.second, curve.stepped)
-    )
+    (first, a), (second, b), (stepped, c) = map(_in_file, (curve.first, curve.second, curve.stepped))
     points = [
         {
             first: a * point.first,
@@ -40,7 +34,7 @@ def trade_off_summary(curve: TradeOff) -> dict[str, Any]:
         }
         for point, name in zip(curve.points, point_files(curve), strict=True)
     ]
-    return {"first": first, "second": second, "stepped": stepped, "points": points}
+    return TradeOffEntry(first=first, second=second, stepped=stepped, points=points)
 
 
 def point_files(curve: TradeOff) -> list[str]:
@@ -79,17 +73,17 @@ def _plot(curve: TradeOff, file: Path) -> None:
     labels = []
     columns = []
     for name in (curve.first, curve.second):
-        shown, unit, scale = SHOWN[name]
-        unit, more = PLOTTED.get(unit, (unit, 1.0))
-        labels.append(f"{shown.removesuffix('_deg_per_m').replace('_', ' ')}{f', {unit}' if unit else ''}")
+        unit = AIM_UNITS[name] if name in AIMS else LimitKind(name).unit
+        words = name if name in AIMS else LimitKind(name).words
+        labels.append(f"{words}, {unit.name}" if unit.name else words)
         side = "first" if name == curve.first else "second"
-        columns.append([scale * more * getattr(point, side) for point in curve.points])
+        columns.append([_in_file(name)[1] * unit.factor * getattr(point, side) for point in curve.points])
     held = [point.verified for point in curve.points]
     good = [[v for v, ok in zip(column, held, strict=True) if ok] for column in columns]
     bad = [[v for v, ok in zip(column, held, strict=True) if not ok] for column in columns]
-    axes.plot(good[1], good[0], "o-", color="#1f6fb4", label="verified designs")
+    axes.plot(good[1], good[0], "o-", color=VERIFIED, label="verified designs")
     if bad[0]:
-        axes.plot(bad[1], bad[0], "x", color="#b2182b", label="limits violated")
+        axes.plot(bad[1], bad[0], "x", color=VIOLATED, label="limits violated")
         axes.legend()
     better = "more" if curve.second in FLOORS else "less"
     axes.set_xlabel(f"{labels[1]} ({better} is better)")

@@ -132,4 +132,5 @@ def extremes(points: Array) -> Array:
     around = math.pi * (1 + math.sqrt(5)) * turns  # the golden angle spreads directions evenly
     directions = np.column_stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z])
     # one at a time: all at once would take a gigabyte for a million points
-    return points[np.unique([np.argmax(points @ direction) for direction in directions])]
+    found: Array = points[np.unique([np.argmax(points @ direction) for direction in directions])]
+    return found

@@ -1,0 +1,1 @@
+"""The Kirchhoff rod without dimensions: its equations, boundary conditions, discretisations, states and stability."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from harness_opt.errors import ProblemError
 from harness_opt.model.cable import REACH_TOLERANCE, Cable, End
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import IDENTITY, Array
 from harness_opt.rod import equations as rod
 from harness_opt.rod.equations import Section, Units
@@ -62,17 +63,9 @@ class Boundary:
             a, b = getattr(self, field.name), getattr(other, field.name)
             value = a + fraction * (b - a)
             if field.name.endswith("quaternion"):
-                value = _slerp(a, b, fraction)
+                value = rotations.slerp(a, b, fraction)
             changed[field.name] = value
         return dataclasses.replace(self, **changed)
-
-
-def _slerp(a: Array, b: Array, fraction: float) -> Array:
-    angle = 2.0 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b))
-    if angle < 1e-9:
-        return b if fraction > 0.5 else a
-    weights = np.sin(np.array([1.0 - fraction, fraction]) * angle) / np.sin(angle)
-    return weights[0] * a + weights[1] * b
 
 
 def boundary(start: End, end: End, units: Units) -> Boundary:
@@ -164,7 +157,8 @@ def _blend_load(a: Array, b: Array, fraction: float) -> Array:
     size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     if a @ b < (1.0 - 1e-12) * size_a * size_b or size_a == 0.0 or size_b == 0.0:
         return a + fraction * (b - a)
-    return b * (size_a / size_b) ** (1.0 - fraction)
+    blended: Array = b * (size_a / size_b) ** (1.0 - fraction)
+    return blended
 
 
 def case(cable: Cable, start: End, end: End, gravity: Array) -> Case:

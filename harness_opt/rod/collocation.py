@@ -13,8 +13,7 @@ change (stiffness, weight, mesh, clamps) is a parameter, so nothing is built twi
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,119 +22,27 @@ from numpy.typing import NDArray
 
 from harness_opt.numerics import rotations
 from harness_opt.numerics.interface import Equations, LeastSquares
-from harness_opt.numerics.machine_code import Buffered, built, wanted
+from harness_opt.numerics.machine_code import Buffered, wanted
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
-from harness_opt.rod import equations as rod
 from harness_opt.rod.boundary import Boundary, Kind
+from harness_opt.rod.collocation_element import (
+    CLOSURE,
+    FORCE,
+    NODE,
+    PARAMETERS,
+    Symbols,
+    assembled,
+    element_functions,
+    element_rates,
+    split,
+)
 from harness_opt.rod.equations import Section
+from harness_opt.rod.states import Rod
 
 Indices = NDArray[np.integer[Any]]
 
-NODE = 7  # unknowns of a node: quaternion and moment
-FORCE = 3  # the constant of the force
-START, CLOSURE = 4, 3  # equations of the start, of the gap (or force)
-PARAMETERS = (3, 3, 3, 3, 4, 12, 3, 3, 3, 3)  # sizes; see _split
-
-
-def _element(stages: int, loaded: bool) -> ca.Function:
-    """Return one element: its unknowns and parameters -> (4 stages + 7 defects, chord (3,)).
-
-    The element's unknowns are [q, M, stages' q, next q, next M, F0]; parameters are the element's length and start,
-    the stiffness, the rest curvature and, where ``loaded``, the load per length.
-    """
-    tableau = gauss(stages)
-    z = ca.SX.sym("z", 2 * NODE + 4 * stages + FORCE)
-    h, s = ca.SX.sym("h"), ca.SX.sym("s")
-    stiffness, rest, load = (ca.SX.sym(name, 3) for name in ("stiffness", "rest", "load"))
-    q, moment, stacked, q_next, moment_next, force0 = ca.vertsplit(
-        z, np.cumsum([0, 4, 3, 4 * stages, 4, 3, FORCE]).tolist()
-    )
-    stage_q = ca.reshape(stacked, 4, stages)
-    frames = [rod.frame(stage_q[:, j]) / ca.sumsqr(stage_q[:, j]) for j in range(stages)]
-    tangents = ca.horzcat(*(frame[:, 2] for frame in frames))
-    forces = [force0 - (load * (s + float(c) * h) if loaded else 0) for c in tableau.nodes]
-    moment_rates = ca.horzcat(*(-ca.cross(tangents[:, j], forces[j]) for j in range(stages)))
-    moments = [moment + h * ca.mtimes(moment_rates, a) for a in tableau.matrix]
-    omegas = [rod.darboux(moments[j], frames[j], stiffness, rest) for j in range(stages)]
-    rates = ca.horzcat(*(rod.quaternion_rate(stage_q[:, j], omegas[j]) for j in range(stages)))
-    defects = [stage_q[:, j] - q - h * ca.mtimes(rates, tableau.matrix[j]) for j in range(stages)]
-    defects.append(q_next - q - h * ca.mtimes(rates, tableau.weights))
-    defects.append(moment_next - moment - h * ca.mtimes(moment_rates, tableau.weights))
-    chord = h * ca.mtimes(tangents, tableau.weights)
-    return ca.Function("element", [z, h, s, stiffness, rest, load], [ca.vertcat(*defects, chord)], {"cse": True})
-
-
-@dataclass(frozen=True)
-class _Element:
-    """Functions of one element: its equations, and their derivatives by its unknowns."""
-
-    equations: ca.Function
-    jacobian: ca.Function
-
-
-@functools.lru_cache(maxsize=8)
-def _element_functions(stages: int, loaded: bool, machine: bool) -> _Element:
-    """Return the functions of an element of any mesh, as machine code where ``machine``."""
-    element = _element(stages, loaded)
-    z, *parameters = element.sx_in()
-    # of an element whose common expressions are taken out already, hardly any are left in the Jacobian
-    jacobian = ca.Function("jacobian", [z, *parameters], [ca.jacobian(element(z, *parameters), z)])
-    return _Element(built(element), built(jacobian)) if machine else _Element(element, jacobian)
-
-
-@functools.lru_cache(maxsize=8)
-def _element_rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
-    """Return the derivatives of an element's equations by rest curvature and load, which few ask for."""
-    element = _element(stages, loaded)
-    z, *parameters = element.sx_in()
-    by_parameters = ca.jacobian(element(z, *parameters), ca.vertcat(*parameters[3:]))
-    rates = ca.Function("rates", [z, *parameters], [by_parameters], {"cse": True})
-    return built(rates) if machine else rates
-
-
-Symbols = TypeVar("Symbols", ca.SX, ca.MX)
-
-
-def _split(p: Symbols, elements: int) -> list[Symbols]:
-    """Return the parameters of all equations: steps, element starts, stiffness, rest curvature, load, gap, start
-    quaternion, the matrix of :func:`_relative` by columns, and the loads on start and end: forces, then moments."""
-    return ca.vertsplit(p, np.cumsum([0, elements, elements, *PARAMETERS]).tolist())
-
-
-def _assembled(x: Symbols, p: Symbols, table: Symbols, kind: Kind) -> Symbols:
-    """Return R(x, p) from the elements' defects and chords (4 stages + 10, elements), side by side."""
-    count, elements = table.shape[0] - CLOSURE, table.shape[1]
-    load, gap, start_q, relative, start_force, end_force, start_moment, end_moment = _split(p, elements)[4:]
-    node = x.shape[0] - FORCE - NODE
-    start = x[:4] - start_q
-    if not kind.start_orientation:
-        start = ca.vertcat(ca.sumsqr(x[:4]) - 1, x[4:7] + start_moment)
-    closure = ca.sum2(table[count:, :]) - gap
-    if not kind.end_position:
-        closure = x[-3:] - load - end_force
-    elif not kind.start_position:
-        closure = x[-3:] + start_force
-    end = x[node + 4 : node + 7] - end_moment
-    if kind.end_orientation:
-        end = ca.mtimes(ca.reshape(relative, 3, 4), x[node : node + 4])
-    return ca.vertcat(start, ca.vec(table[:count, :]), closure, end)
-
-
-@dataclass(frozen=True)
-class NodeStates:
-    """The state at the nodes of a mesh, dimensionless, world coordinates, the start of the cable at the origin.
-
-    Args:
-        mesh: arc lengths from 0 to 1, (n + 1,).
-        q, r, force, moment: (n + 1, 4) and (n + 1, 3).
-    """
-
-    mesh: Array
-    q: Array
-    r: Array
-    force: Array
-    moment: Array
+START = 4  # equations of the start
 
 
 class Collocation:
@@ -150,21 +57,21 @@ class Collocation:
 
     def __init__(self, elements: int, stages: int, loaded: bool, machine: bool):
         self.elements, self.stages, self.loaded, self._machine = elements, stages, loaded, machine
-        functions = _element_functions(stages, loaded, machine)
-        self._element_pattern = functions.jacobian.sparsity_out(0)
+        functions = element_functions(stages, loaded, machine)
+        self.element_pattern = functions.jacobian.sparsity_out(0)
         block = NODE + 4 * stages
         self.size = block * elements + NODE + FORCE
         force = np.tile(np.arange(self.size - FORCE, self.size)[:, None], elements)
-        self._gather = np.concatenate([np.arange(block + NODE)[:, None] + block * np.arange(elements), force])
+        self.gather = np.concatenate([np.arange(block + NODE)[:, None] + block * np.arange(elements), force])
         self.quaternions = block * np.arange(elements + 1)[:, None] + np.arange(4)  # of the nodes, among the unknowns
         self.parameters = 2 * elements + sum(PARAMETERS)
-        self._entries = self._of_all(functions.jacobian)
+        self.entries = self._of_all(functions.jacobian)
         self._residuals: dict[Kind, Buffered] = {}
 
     def side_by_side(self, function: ca.Function, x: Symbols, p: Symbols) -> Symbols:
         """Return a function of one element for all of them, column by column, at unknowns and parameters of all."""
-        steps, starts, stiffness, rest, load = _split(p, self.elements)[:5]
-        z = ca.reshape(x[self._gather.T.ravel().tolist()], *self._gather.shape)
+        steps, starts, stiffness, rest, load = split(p, self.elements)[:5]
+        z = ca.reshape(x[self.gather.T.ravel().tolist()], *self.gather.shape)
         shared = [3, 4, 5]  # stiffness, rest curvature and load are one for all elements
         every = function.map("every", "serial", self.elements, shared, [])
         return every(z, steps.T, starts.T, stiffness, rest, load)
@@ -176,7 +83,7 @@ class Collocation:
     @functools.cached_property
     def parameter_rates(self) -> tuple[Buffered, ca.Sparsity]:
         """The elements' derivatives by rest curvature and load, one after the other, and their pattern in each."""
-        function = _element_rates(self.stages, self.loaded, self._machine)
+        function = element_rates(self.stages, self.loaded, self._machine)
         return self._of_all(function), function.sparsity_out(0)
 
     def residual(self, kind: Kind) -> Buffered:
@@ -187,8 +94,8 @@ class Collocation:
 
     def _residual(self, kind: Kind) -> Buffered:
         x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parameters)
-        table = self.side_by_side(_element_functions(self.stages, self.loaded, self._machine).equations, x, p)
-        return Buffered(ca.Function("residual", [x, p], [_assembled(x, p, table, kind)]))
+        table = self.side_by_side(element_functions(self.stages, self.loaded, self._machine).equations, x, p)
+        return Buffered(ca.Function("residual", [x, p], [assembled(x, p, table, kind)]))
 
     def bind(self, section: Section, load: Array, boundary: Boundary, mesh: Array) -> BoundCollocation:
         """Return the equations of one cable between two ends on ``mesh`` (n + 1,)."""
@@ -207,14 +114,14 @@ def collocation(elements: int, stages: int, loaded: bool) -> Collocation:
 def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Indices, Indices, Indices]:
     """Return (permutation, indices, indptr): from element entries and boundary entries to the CSC Jacobian."""
     transcription = collocation(elements, stages, loaded)
-    rows_e, columns_e = (np.array(x) for x in transcription._element_pattern.get_triplet())
+    rows_e, columns_e = (np.array(x) for x in transcription.element_pattern.get_triplet())
     count = 4 * stages + NODE
     closure = START + elements * count
     rows, columns = [], []
     for e in range(elements):
         inner = rows_e < count
         rows.append(np.where(inner, START + e * count + rows_e, closure + rows_e - count))
-        columns.append(transcription._gather[columns_e, e])
+        columns.append(transcription.gather[columns_e, e])
     if not (kind.start_position and kind.end_position):  # no closure: the chords stay out of the equations
         rows = [np.where(r >= closure, -1, r) for r in rows]
     node, force = (NODE + 4 * stages) * elements, transcription.size - FORCE
@@ -241,7 +148,7 @@ def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Indi
     return order, row[order].astype(np.int32), indptr.astype(np.int32)
 
 
-def _relative(boundary: Boundary) -> Array:
+def relative_matrix(boundary: Boundary) -> Array:
     """Return the matrix (3, 4) that takes q to the vector part of conj(q_end) q."""
     a, b, c, d = boundary.end_quaternion.tolist()
     return np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
@@ -249,11 +156,11 @@ def _relative(boundary: Boundary) -> Array:
 
 @functools.lru_cache(maxsize=32)
 def _equations(elements: int, stages: int, loaded: bool, kind: Kind) -> Equations:
-    """Return R(x, p) in scalar symbols; p as in :func:`_split`."""
+    """Return R(x, p) in scalar symbols; p as in :func:`split`."""
     t = _built(elements, stages, loaded, False)  # symbols don't go through machine code
     x, p = ca.SX.sym("x", t.size), ca.SX.sym("p", t.parameters)
-    table = t.side_by_side(_element_functions(stages, loaded, False).equations, x, p)
-    return Equations(x, p, _assembled(x, p, table, kind))
+    table = t.side_by_side(element_functions(stages, loaded, False).equations, x, p)
+    return Equations(x, p, assembled(x, p, table, kind))
 
 
 def stations(mesh: Array, stages: int) -> Array:
@@ -293,7 +200,7 @@ class BoundCollocation:
         n, s, kind = transcription.elements, transcription.stages, boundary.kind
         self._residual, self._pattern = transcription.residual(kind), _pattern(n, s, transcription.loaded, kind)
         self._node = (NODE + 4 * s) * n
-        self._relative = _relative(boundary)
+        self._relative = relative_matrix(boundary)
         self._values = np.concatenate(
             (
                 mesh[1:] - mesh[:-1], mesh[:-1], section.stiffness, section.rest_curvature, load, boundary.gap,
@@ -311,7 +218,7 @@ class BoundCollocation:
     def linearise(self, x: Array) -> tuple[Array, sp.csc_array]:
         """Return R(x) and its Jacobian."""
         t, b = self.transcription, self.boundary
-        entries = t._entries(x, self._values)
+        entries = t.entries(x, self._values)
         boundary_entries = [np.ones(4) if b.kind.start_orientation else np.concatenate([2 * x[:4], np.ones(3)])]
         if not (b.kind.start_position and b.kind.end_position):
             boundary_entries.append(np.ones(3))
@@ -338,13 +245,14 @@ class BoundCollocation:
 
     def quaternions(self, x: Array) -> Array:
         """Return the quaternions at the nodes (n + 1, 4)."""
-        return x[self.transcription.quaternions]
+        q: Array = x[self.transcription.quaternions]
+        return q
 
     def last_quaternion(self, x: Array) -> Array:
         """Return the quaternion at the end of the cable, (4,)."""
         return x[self._node : self._node + 4]
 
-    def unpack(self, x: Array) -> NodeStates:
+    def rod(self, x: Array) -> Rod:
         """Return the states at the nodes; the centreline is the integral (17) by the elements' own quadrature."""
         n, s = self.transcription.elements, self.transcription.stages
         blocks = x[: self._node].reshape(n, NODE + 4 * s)
@@ -355,7 +263,7 @@ class BoundCollocation:
         moment = np.vstack([blocks[:, 4:7], x[self._node + 4 : self._node + 7]])
         r = np.vstack([np.zeros(3), np.cumsum(chords, axis=0)])
         force = x[-3:] - self.mesh[:, None] * self.load
-        return NodeStates(self.mesh, q, r, force, moment)
+        return Rod(self.section, self.load, self.mesh, q, r, force, moment)
 
     # -- sensitivities -----------------------------------------------------------------------------------------
 
@@ -473,7 +381,8 @@ def _tangent_rates(q: Array, dq: Array) -> Array:
     """Return d(d3) (..., 3, k) for quaternions (..., 4), normalised, and their rates (..., 4, k)."""
     square = np.sum(q * q, axis=-1)[..., None, None]
     across = dq - q[..., None] * (q[..., None, :] @ dq) / square
-    return (q @ _BY_QUATERNION).reshape(*q.shape[:-1], 3, 4) @ across / square
+    rates: Array = (q @ _BY_QUATERNION).reshape(*q.shape[:-1], 3, 4) @ across / square
+    return rates
 
 
 def _accumulate(inner: Array) -> Array:

@@ -97,7 +97,9 @@ def _symbols(points: int, kind: Kind, closure: bool) -> Equations:
     return Equations(x, p, function(x, p))
 
 
-def _ends(kind: Kind, q: ca.SX, force: ca.SX, moment: ca.SX, position: ca.SX, given: tuple, loads: list) -> list[ca.SX]:
+def _ends(
+    kind: Kind, q: ca.SX, force: ca.SX, moment: ca.SX, position: ca.SX, given: tuple[ca.SX, ...], loads: list[ca.SX]
+) -> list[ca.SX]:
     """Return the conditions at the ends: (24), or the mechanical groups in their place."""
     start_q, end_q, gap, _ = given
     start_force, end_force, start_moment, end_moment = loads

@@ -40,12 +40,12 @@ class Pattern:
 
 
 @functools.lru_cache(maxsize=64)
-def pattern(elements: int, held_start: bool, held_end: bool, closed: bool) -> Pattern:
-    """Return where entries go for so many elements; first and last node may be held; ``closed``: with a border."""
+def pattern(elements: int, start_clamped: bool, end_clamped: bool, closed: bool) -> Pattern:
+    """Return where entries go for so many elements; first and last node may be clamped; ``closed``: with a border."""
     count = DEGREE * elements + 1
     nodes = DEGREE * np.arange(elements)[:, None] + np.arange(DEGREE + 1)
     free = np.ones(count, dtype=bool)
-    free[0], free[-1] = not held_start, not held_end
+    free[0], free[-1] = not start_clamped, not end_clamped
     number = np.full((count, 3), -1)
     size = 3 * int(free.sum())
     number[free] = np.arange(size).reshape(-1, 3)

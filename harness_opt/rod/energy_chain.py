@@ -1,4 +1,4 @@
-"""The rod's energy on a chain of elements: what a cable goes down when it is let go.
+"""The rod's energy on a chain of elements, for its minimisation.
 
 In an element the section frame is that of its first node turned by a rotation whose modified Rodrigues parameters
 sigma = tan(angle / 4) axis are a polynomial in arc length through the element's nodes. They give
@@ -38,11 +38,10 @@ from harness_opt.rod.boundary import Boundary
 from harness_opt.rod.element_pattern import DEGREE, UNKNOWNS, pattern
 from harness_opt.rod.equations import Section
 
-NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0])  # Lobatto's
-NEIGHBOURS, WHOLE = 1.0, 2.5  # rad that neighbouring nodes, and those of an element, may be turned to each other
+LOBATTO_NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0])  # Lobatto's
 
 
-_POLYNOMIALS = np.linalg.inv(np.vander(NODES, increasing=True))  # those that are 1 at one node, by columns
+_POLYNOMIALS = np.linalg.inv(np.vander(LOBATTO_NODES, increasing=True))  # those that are 1 at one node, by columns
 
 
 def _lagrange(at: Array) -> tuple[Array, Array]:
@@ -74,7 +73,7 @@ def _product(p: ca.SX, q: ca.SX) -> ca.SX:
     return ca.vertcat(p[0] * q[0] - ca.dot(p[1:], q[1:]), p[0] * q[1:] + q[0] * p[1:] + ca.cross(p[1:], q[1:]))
 
 
-def _local(sigmas: ca.SX, h: ca.SX, strained: ca.SX, forces: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _local(sigmas: ca.SX, h: ca.SX, elastic: ca.SX, forces: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return an element's energy, its chord (3,) by Gauss points (3, DEGREE), and what :func:`_second` makes of each.
 
     All in the frame of its first node.
@@ -82,7 +81,7 @@ def _local(sigmas: ca.SX, h: ca.SX, strained: ca.SX, forces: ca.SX) -> tuple[ca.
     Args:
         sigmas: of the nodes but the first, (3, DEGREE).
         h: its length.
-        strained: stiffness and rest curvature, (3, 2).
+        elastic: stiffness and rest curvature, (3, 2).
         forces: internal forces at the Gauss points, in that frame, (3, DEGREE).
     """
     tableau = gauss(DEGREE)
@@ -95,10 +94,10 @@ def _local(sigmas: ca.SX, h: ca.SX, strained: ca.SX, forces: ca.SX) -> tuple[ca.
         scale = 2.0 / (1.0 + square)
         omega = scale**2 * ((1.0 - square) * rate - 2.0 * ca.cross(sigma, rate) + 2.0 * ca.dot(sigma, rate) * sigma)
         frame = rod.frame(ca.vertcat(scale - 1.0, scale * sigma))
-        piece, strain = weight * frame[:, 2], omega - strained[:, 1]
-        energy += 0.5 * weight * ca.dot(strained[:, 0] * strain, strain) - ca.dot(forces[:, j], piece)
+        piece, strain = weight * frame[:, 2], omega - elastic[:, 1]
+        energy += 0.5 * weight * ca.dot(elastic[:, 0] * strain, strain) - ca.dot(forces[:, j], piece)
         pieces.append(piece)
-        seconds.append(_second(strained[:, 0], omega, strain, h * ca.mtimes(frame.T, forces[:, j]), h))
+        seconds.append(_second(elastic[:, 0], omega, strain, h * ca.mtimes(frame.T, forces[:, j]), h))
     return energy, ca.horzcat(*pieces), ca.vertcat(*seconds)
 
 
@@ -134,13 +133,13 @@ def _element(exact: bool, machine: bool) -> tuple[ca.Function, ca.Function]:
     """
     q, h, s = ca.SX.sym("q", 4, DEGREE + 1), ca.SX.sym("h"), ca.SX.sym("s")
     stiffness, rest, force, load = (ca.SX.sym(name, 3) for name in ("stiffness", "rest", "force", "load"))
-    strained, first = ca.horzcat(stiffness, rest), rod.frame(q[:, 0])
+    elastic, first = ca.horzcat(stiffness, rest), rod.frame(q[:, 0])
     inverse = ca.vertcat(q[0, 0], -q[1:, 0])
     relative = [_product(inverse, q[:, j]) for j in range(1, DEGREE + 1)]
     forces = ca.horzcat(*(ca.mtimes(first.T, force + load * (1.0 - s - h * float(c))) for c in gauss(DEGREE).nodes))
     known = ca.horzcat(*(p[1:] / (1.0 + p[0]) for p in relative))
     sigmas, inner = ca.SX.sym("sigmas", 3, DEGREE), ca.SX.sym("inner", 3, DEGREE)
-    energy, pieces, second = _local(sigmas, h, strained, inner)
+    energy, pieces, second = _local(sigmas, h, elastic, inner)
     chord = ca.sum2(pieces)
     slope, chords = ca.reshape(ca.gradient(energy, ca.vec(sigmas)), 3, DEGREE), ca.jacobian(chord, ca.vec(sigmas))
     turned = sum((ca.cross(inner[:, j], pieces[:, j]) for j in range(DEGREE)), ca.SX.zeros(3))
@@ -220,7 +219,7 @@ class Chain:
         self._pattern = pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
         self._functions = _functions(count, exact, wanted())
         self._parameters = np.concatenate([steps, mesh[:-1], section.stiffness, section.rest_curvature, load])
-        self.nodes = np.append((mesh[:-1, None] + steps[:, None] * NODES[:-1]).ravel(), 1.0)
+        self.nodes = np.append((mesh[:-1, None] + steps[:, None] * LOBATTO_NODES[:-1]).ravel(), 1.0)
         self.points = (mesh[:-1, None] + steps[:, None] * gauss(DEGREE).nodes).ravel()
         share = np.gradient(self.nodes)
         share[[0, -1]] *= 0.5
@@ -310,12 +309,14 @@ class Chain:
         """Return rotations (m, 3) of the nodes about their own axes, rad, as a step (n,) of those that are free."""
         return np.asarray(turned[self._pattern.free].ravel())
 
-    def strained(self, q: Array) -> bool:
+    def too_coarse(self, q: Array) -> bool:
         """Return whether an element is turned further than its polynomials can follow."""
+        # rad that neighbouring nodes, and those of an element, may be turned to each other
+        most_turn_next, most_turn_element = 1.0, 2.5
         nodes = q[self._pattern.nodes]
         neighbours = np.sum(nodes[:, 1:] * nodes[:, :-1], axis=-1)
         ends = np.sum(nodes[:, 1:] * nodes[:, :1], axis=-1)
-        return bool(np.min(neighbours) < np.cos(0.5 * NEIGHBOURS) or np.min(ends) < np.cos(0.5 * WHOLE))
+        return bool(np.min(neighbours) < np.cos(0.5 * most_turn_next) or np.min(ends) < np.cos(0.5 * most_turn_element))
 
     # -- in and out --------------------------------------------------------------------------------------------
 
@@ -335,7 +336,7 @@ class Chain:
         turned = np.concatenate([1.0 - square, 2.0 * sigma], axis=1) / (1.0 + square)
         return rotations.multiply(nodes[:, 0], turned), 4.0 * omega / (1.0 + square) ** 2
 
-    def held(self, q: Array) -> Array:
+    def clamped(self, q: Array) -> Array:
         """Return ``q`` (m, 4) with the quaternions of clamped ends put in, of the sign that is nearer."""
         q, kind = q.copy(), self.boundary.kind
         if kind.start_orientation:

@@ -19,8 +19,6 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
 
-PARTS = 4  # of an element, whose defects do not make up for each other
-POINTS = 5  # Gauss points in each: exact beyond the polynomials' own degree
 # derivatives of the frames at a node, and up to how many growth lengths of an element they are good: each further one
 # has its rounding, and what the collocation misses, times half of these lengths
 DERIVATIVES = ((3, 30.0), (2, 1000.0), (1, np.inf))
@@ -83,7 +81,8 @@ class LongElements:
         weights, fewer = _weights(part, order), _weights(part, order - 1)
 
         def between(coefficients: Array, weights: Array) -> Array:
-            return np.einsum("ekN,ek...Nc->...Nc", weights, coefficients[..., element, :])
+            values: Array = np.einsum("ekN,ek...Nc->...Nc", weights, coefficients[..., element, :])
+            return values
 
         even = rotations.from_rotation_vector(part[:, None] * self._turn[..., element, :])
         besides = rotations.normalise(between(self._besides, weights))
@@ -101,30 +100,32 @@ class LongElements:
 
         And the moment of the tangents about the element's middle, int (s - middle) d3 ds, (..., n, 3).
         """
-        count, rule = len(self.step), gauss(POINTS)
-        edges = np.arange(PARTS + 1) / PARTS
-        places = np.concatenate([edges, (edges[:-1, None] + rule.nodes / PARTS).ravel()])
+        parts = 4  # of an element, whose defects do not make up for each other
+        gauss_points = 5  # Gauss points in each: exact beyond the polynomials' own degree
+        count, rule = len(self.step), gauss(gauss_points)
+        edges = np.arange(parts + 1) / parts
+        places = np.concatenate([edges, (edges[:-1, None] + rule.nodes / parts).ravel()])
         r, q, omega = self.sample(np.repeat(np.arange(count), len(places)), np.tile(places, count))
         split = (*q.shape[:-2], count, len(places))
         r, q, omega = r.reshape(*split, 3), q.reshape(*split, 4), omega.reshape(*split, 3)
-        share = self.step[:, None, None] / PARTS
+        share = self.step[:, None, None] / parts
 
         def inner(values: Array) -> Array:
-            return values[..., PARTS + 1 :, :].reshape(*split[:-1], PARTS, POINTS, -1)
+            return values[..., parts + 1 :, :].reshape(*split[:-1], parts, gauss_points, -1)
 
         def integral(rate: Array) -> Array:
             return np.asarray(share * np.einsum("g,...gc->...c", rule.weights, rate))
 
-        begin = rotations.conjugate(q[..., :PARTS, :])
+        begin = rotations.conjugate(q[..., :parts, :])
         spin = np.concatenate([np.zeros_like(inner(omega)[..., :1]), 0.5 * inner(omega)], axis=-1)
         turned = integral(rotations.multiply(rotations.multiply(begin[..., None, :], inner(q)), spin))
-        missed = rotations.multiply(begin, q[..., 1 : PARTS + 1, :]) - rotations.IDENTITY - turned
+        missed = rotations.multiply(begin, q[..., 1 : parts + 1, :]) - rotations.IDENTITY - turned
         worst = np.argmax(np.linalg.norm(missed, axis=-1), axis=-1)[..., None, None]
-        jump = PARTS * np.take_along_axis(missed, worst, axis=-2)[..., 0, :]
+        jump = parts * np.take_along_axis(missed, worst, axis=-2)[..., 0, :]
         tangent = rotations.tangent(inner(q))
-        arm = self.step[:, None, None, None] * (places[PARTS + 1 :].reshape(PARTS, POINTS, 1) - 0.5)
-        moved = r[..., PARTS, :] - r[..., 0, :] - integral(tangent).sum(axis=-2)
-        return rotations.multiply(q[..., PARTS // 2, :], jump), moved, integral(arm * tangent).sum(axis=-2)
+        arm = self.step[:, None, None, None] * (places[parts + 1 :].reshape(parts, gauss_points, 1) - 0.5)
+        moved = r[..., parts, :] - r[..., 0, :] - integral(tangent).sum(axis=-2)
+        return rotations.multiply(q[..., parts // 2, :], jump), moved, integral(arm * tangent).sum(axis=-2)
 
 
 def _weights(part: Array, order: NDArray[np.intp]) -> Array:

@@ -19,14 +19,6 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.element_pattern import pattern
 from harness_opt.rod.second_variation import SecondVariation
 
-COMPLIANCE = 1e-10  # of the end, in that of the stiffest field that moves it
-WIDER = 8.0  # factor by which an enclosure is looked for further away
-CLOSE = 0.3  # relative width of the enclosure whose lower end that is
-SETTLED, SURE = 1e-10, 2  # relative change of an eigenvalue that has been found, and steps after which it may be
-ITERATIONS = 60
-NEARER = 1e-4  # part of what counts as zero: Lanczos's method from there tells apart what is far smaller than that
-EXTREME = 1e30  # in what counts as zero: nothing is found out there
-
 
 class Pencil:
     """Q, M and C of one shape, as sparse matrices of one pattern.
@@ -57,9 +49,10 @@ class Pencil:
 
     @staticmethod
     def _compliance(variation: SecondVariation) -> float:
+        compliance = 1e-10  # of the end, in that of the stiffest field that moves it
         diagonal = np.abs(np.diagonal(variation.blocks, axis1=-2, axis2=-1))
         moved = variation.ends**2 / np.maximum(diagonal, np.finfo(float).tiny)[:, None, :]
-        return COMPLIANCE * float(np.max(np.sum(moved, axis=(0, 2))))
+        return compliance * float(np.max(np.sum(moved, axis=(0, 2))))
 
     def below(self, at: float) -> int:
         """Return how many eigenvalues are below ``at``."""
@@ -71,18 +64,21 @@ class Pencil:
         Args:
             unit: what counts as zero.
         """
+        # relative change of an eigenvalue that has been found, and steps after which it may be
+        converged, least_steps = 1e-10, 2
+        most_steps = 60
         low, index = self._bound(unit)
         matrix, (places, rows, starts) = self._q - low * self._m, self._pattern.inner
-        mass, held = sp.csc_array((self._m[places], rows, starts)), np.zeros(self._border)
+        mass, border = sp.csc_array((self._m[places], rows, starts)), np.zeros(self._border)
 
         def inverse(right: Array) -> Array:
-            return self._linear.solve(matrix, np.concatenate([right, held]))[: self._size]
+            return self._linear.solve(matrix, np.concatenate([right, border]))[: self._size]
 
-        basis, dual = np.empty((2, ITERATIONS, self._size))  # fields orthonormal in the mass, their products with it
-        projected = np.zeros((ITERATIONS, ITERATIONS))
+        basis, dual = np.empty((2, most_steps, self._size))  # fields orthonormal in the mass, their products with it
+        projected = np.zeros((most_steps, most_steps))
         field = inverse(mass @ np.cos(np.arange(self._size)))  # of one that is orthogonal to nothing in particular
         value = np.inf
-        for k in range(ITERATIONS):
+        for k in range(most_steps):
             product = mass @ field
             size = np.sqrt(field @ product)
             if k:
@@ -93,25 +89,30 @@ class Pencil:
             projected[k, k] = along[k]
             field -= along @ basis[: k + 1]
             field -= (dual[: k + 1] @ field) @ basis[: k + 1]  # twice: once leaves rounding
-            if k < SURE:
+            if k < least_steps:
                 continue
             values, vectors = np.linalg.eigh(projected[: k + 1, : k + 1])
             before, value = value, low + 1.0 / float(values[-1])
-            if abs(value - before) <= SETTLED * (abs(value) + unit):
+            if abs(value - before) <= converged * (abs(value) + unit):
                 break
         return value, vectors[:, -1] @ basis[: k + 1], index
 
     def _bound(self, unit: float) -> tuple[float, int]:
         """Return a number below the lowest eigenvalue, and close to one below zero in its own size; and their count."""
-        if not self.below(-NEARER * unit):
-            return -NEARER * unit, 0
+        extreme = 1e30  # in what counts as zero: nothing is found out there
+        # part of what counts as zero: Lanczos's method from there tells apart what is far smaller than that
+        near_zero = 1e-4
+        relative_width = 0.3  # relative width of the enclosure whose lower end that is
+        widening = 8.0  # factor by which an enclosure is looked for further away
+        if not self.below(-near_zero * unit):
+            return -near_zero * unit, 0
         index = self.below(-unit)
         if not index:
             return -unit, 0
-        low, high = -WIDER * unit, -unit
-        while self.below(low) and low > -EXTREME * unit:
-            low, high = WIDER * low, low
-        while high - low > CLOSE * abs(low):
+        low, high = -widening * unit, -unit
+        while self.below(low) and low > -extreme * unit:
+            low, high = widening * low, low
+        while high - low > relative_width * abs(low):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if self.below(middle) else (middle, high)
         return low, index

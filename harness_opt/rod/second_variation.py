@@ -14,8 +14,7 @@ from harness_opt.rod.boundary import Kind
 from harness_opt.rod.element_pattern import DEGREE, UNKNOWNS
 from harness_opt.rod.states import Rod
 
-POINTS = 5  # Gauss points an element: exact for the products of polynomials, and for omega to high order
-ROUNDING = 1e-9  # relative asymmetry of an operator that is symmetric
+GAUSS_POINTS = 5  # Gauss points an element: exact for the products of polynomials, and for omega to high order
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +25,7 @@ class SecondVariation:
         blocks: of Q, (..., n, UNKNOWNS, UNKNOWNS), with the skew part of dead moments.
         ends: by how much the end moves, (..., n, 3, UNKNOWNS).
         masses: of int phi . phi, (n, UNKNOWNS, UNKNOWNS).
-        kind: which ends are held.
+        kind: what is given at the ends.
     """
 
     blocks: Array
@@ -42,14 +41,15 @@ class SecondVariation:
     @property
     def size(self) -> int:
         """Number of small rotations that are free, times 3."""
-        held = self.kind.start_orientation + self.kind.end_orientation
-        return 3 * (DEGREE * len(self.masses) + 1 - held)
+        clamped = self.kind.start_orientation + self.kind.end_orientation
+        return 3 * (DEGREE * len(self.masses) + 1 - clamped)
 
     @property
     def conservative(self) -> bool:
         """Whether Q is symmetric but for rounding."""
+        asymmetry = 1e-9  # relative asymmetry of an operator that is symmetric
         skew = self.blocks - np.swapaxes(self.blocks, -1, -2)
-        return float(np.max(np.abs(skew), initial=0.0)) <= ROUNDING * float(np.max(np.abs(self.blocks), initial=0.0))
+        return float(np.max(np.abs(skew), initial=0.0)) <= asymmetry * float(np.max(np.abs(self.blocks), initial=0.0))
 
     @property
     def symmetric(self) -> SecondVariation:
@@ -77,10 +77,10 @@ class SecondVariation:
 
 @functools.lru_cache(maxsize=64)
 def _shape_functions() -> tuple[Array, Array]:
-    """Return values and slopes (POINTS, DEGREE + 1) of the Lagrange polynomials on equispaced element nodes."""
+    """Return values and slopes (GAUSS_POINTS, DEGREE + 1) of the Lagrange polynomials on equispaced element nodes."""
     nodes = np.linspace(0.0, 1.0, DEGREE + 1)
     coefficients = np.linalg.inv(np.vander(nodes, increasing=True))
-    powers = np.vander(gauss(POINTS).nodes, DEGREE + 1, increasing=True)
+    powers = np.vander(gauss(GAUSS_POINTS).nodes, DEGREE + 1, increasing=True)
     slopes = np.zeros_like(powers)
     slopes[:, 1:] = powers[:, :-1] * np.arange(1, DEGREE + 1)
     return powers @ coefficients, slopes @ coefficients
@@ -88,13 +88,13 @@ def _shape_functions() -> tuple[Array, Array]:
 
 def second_variation(rod: Rod, mesh: Array, kind: Kind) -> SecondVariation:
     """Return Q of one or many shapes between ends of ``kind``, with phi on the elements of ``mesh`` (n + 1,)."""
-    tableau = gauss(POINTS)
+    tableau = gauss(GAUSS_POINTS)
     steps = np.diff(mesh)
     count = len(steps)
     s = (mesh[:-1, None] + steps[:, None] * tableau.nodes).ravel()
     samples = rod.sample(s)
     lead = samples.q.shape[:-2]
-    split = (*lead, count, POINTS, 3)
+    split = (*lead, count, GAUSS_POINTS, 3)
     inverse = rotations.conjugate(samples.q)
     omega = samples.omega.reshape(split)
     moment = rotations.rotate(inverse, samples.moment).reshape(split)
@@ -123,8 +123,8 @@ def second_variation(rod: Rod, mesh: Array, kind: Kind) -> SecondVariation:
         (0, slice(0, 3), kind.start_orientation, 0.5),
         (-1, slice(UNKNOWNS - 3, UNKNOWNS), kind.end_orientation, -0.5),
     )
-    for end, span, held, sign in turns:
-        if not held:  # what a dead moment adds
+    for end, span, clamped, sign in turns:
+        if not clamped:  # what a dead moment adds
             moment = rotations.rotate(rotations.conjugate(rod.q[..., end, :]), rod.moment[..., end, :])
             blocks[..., end, span, span] += sign * rotations.cross_matrix(moment)
     return SecondVariation(blocks, ends.reshape(*lead, count, 3, UNKNOWNS), masses, kind)
@@ -134,10 +134,13 @@ def _integrated(field: Array, left: Array, right: Array) -> Array:
     """Return int left_a field_ij right_b over each element of unit length, (..., e, a, i, b, j).
 
     Args:
-        field: (..., e, POINTS, 3, 3).
-        left, right: functions at the points, (POINTS, DEGREE + 1).
+        field: (..., e, GAUSS_POINTS, 3, 3).
+        left, right: functions at the points, (GAUSS_POINTS, DEGREE + 1).
     """
-    products = (gauss(POINTS).weights[:, None, None] * left[:, :, None] * right[:, None, :]).reshape(POINTS, -1)
+    products = (gauss(GAUSS_POINTS).weights[:, None, None] * left[:, :, None] * right[:, None, :]).reshape(
+        GAUSS_POINTS, -1
+    )
     lead = field.shape[:-3]
-    summed = np.swapaxes(field.reshape(*lead, POINTS, 9), -1, -2) @ products
-    return np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
+    summed = np.swapaxes(field.reshape(*lead, GAUSS_POINTS, 9), -1, -2) @ products
+    integrals: Array = np.einsum("...ijab->...aibj", summed.reshape(*lead, 3, 3, DEGREE + 1, DEGREE + 1))
+    return integrals

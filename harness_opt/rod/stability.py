@@ -40,17 +40,8 @@ from harness_opt.rod.states import Rod
 # A neutral family (a shape that may turn freely) has a lowest eigenvalue of zero up to the discretisation; this
 # much below zero, relative to the largest load on the rod, still counts as zero.
 NEUTRAL = 1e-5
-# What margins are off, in the same size, for each unit of the centreline's estimated error in L: up to 9 on the frames
-# of the paper's rig.
-SENSITIVE = 10.0
-RANK = 1e-9  # singular values below this fraction of the largest count as zero
-PHASE = 2.0  # rad, most that a mode is let to vary by over one element
-MOST_PIECES, MOST_ELEMENTS = 4, 128  # that an element is cut into, and in all
-ENOUGH = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
-TURNING = 0.5  # rad an element then
 MOST_ENTRIES = 8_000_000  # of the matrices looked at together: 64 MB, and some times that in between
-LARGE = 120  # rows, from which on many shapes too are looked at one by one, with sparse matrices
-SPRING = 1e4  # against moving the end, in the largest entries of Q's matrix
+SPARSE_FROM = 120  # rows, from which on many shapes too are looked at one by one, with sparse matrices
 
 
 @dataclass(frozen=True)
@@ -66,9 +57,9 @@ class Stability:
     index: Array
 
     @property
-    def stable(self) -> Array:
+    def stable(self) -> NDArray[np.bool_]:
         """Whether no direction is unstable, (...)."""
-        return self.index == 0
+        return np.asarray(self.index == 0)
 
 
 def _resolving(rod: Rod) -> Array:
@@ -76,20 +67,24 @@ def _resolving(rod: Rod) -> Array:
 
     The modes vary as :func:`harness_opt.rod.equations.wave_numbers` says, whatever the shape itself needs.
     """
+    least_elements = 64  # elements, of which a finer mesh keeps as many as there are phases, or turnings of the shape
+    most_phase = 2.0  # rad, most that a mode is let to vary by over one element
+    most_turning = 0.5  # rad an element then
+    most_pieces, most_elements = 4, 128  # that an element is cut into, and in all
     lead = tuple(range(rod.q.ndim - 2))
     wave = rod_module.wave_numbers(rod.force, rod.moment, rod.section.stiffness).max(axis=lead)
     steps = np.diff(rod.mesh)
     phase = steps * np.maximum(wave[1:], wave[:-1])
-    pieces = np.clip(np.ceil(phase / PHASE), 1, max(1, min(MOST_PIECES, MOST_ELEMENTS // len(steps)))).astype(int)
+    pieces = np.clip(np.ceil(phase / most_phase), 1, max(1, min(most_pieces, most_elements // len(steps)))).astype(int)
     if np.any(pieces > 1):
         old = np.concatenate([[0], np.cumsum(pieces)])
         return np.interp(np.arange(old[-1] + 1), old, rod.mesh)
-    if len(steps) <= ENOUGH:
+    if len(steps) <= least_elements:
         return rod.mesh
     cosines = np.clip(np.abs(np.sum(rod.q[..., 1:, :] * rod.q[..., :-1, :], axis=-1)), 0.0, 1.0)
     turned = 2.0 * np.arccos(cosines).max(axis=lead)
-    needed = np.concatenate([[0.0], np.cumsum(np.maximum(phase / PHASE, turned / TURNING))])
-    count = max(ENOUGH, int(np.ceil(needed[-1])))
+    needed = np.concatenate([[0.0], np.cumsum(np.maximum(phase / most_phase, turned / most_turning))])
+    count = max(least_elements, int(np.ceil(needed[-1])))
     if count >= len(steps):
         return rod.mesh
     needed += needed[-1] * rod.mesh  # no element is longer than two of a uniform mesh
@@ -119,13 +114,16 @@ def _reduced(variation: SecondVariation) -> tuple[Array, Array]:
     Fields that would move the end are given an eigenvalue far above all others rather than being left out: how many
     there are depends on the shape (two for a straight one, three for all others).
     """
+    rank_tolerance = 1e-9  # singular values below this fraction of the largest count as zero
     matrix, moves, mass = variation.dense()
     # with phi = L^-T u, mass = L L^T, the eigenvalues against the mass are ordinary ones
     whiten = np.linalg.inv(np.linalg.cholesky(mass))
     matrix = whiten @ matrix @ whiten.T
     if variation.closed:
         _, sizes, moving = np.linalg.svd(moves @ whiten.T, full_matrices=False)
-        moving *= (sizes > RANK * sizes[..., :1])[..., None]  # orthonormal, but for what is no direction at all
+        moving *= (sizes > rank_tolerance * sizes[..., :1])[
+            ..., None
+        ]  # orthonormal, but for what is no direction at all
         turned, far = np.swapaxes(moving, -1, -2), 10.0 * np.max(np.abs(matrix), axis=(-1, -2))[..., None, None]
         across = matrix @ turned
         both = across @ moving
@@ -150,7 +148,7 @@ def _of_one(rod: Rod, kind: Kind) -> Stability:
 
 def _judged(rod: Rod, mesh: Array, kind: Kind) -> Stability:
     variation, scale = second_variation(rod, mesh, kind), _scale(rod)
-    if variation.conservative and (not scale.ndim or variation.size > LARGE):
+    if variation.conservative and (not scale.ndim or variation.size > SPARSE_FROM):
         return _by_counting(variation, NEUTRAL * scale)
     matrix = _reduced(variation)[0]
     eigenvalues = np.linalg.eigvalsh if variation.conservative else np.linalg.eigvals
@@ -170,7 +168,10 @@ def _by_counting(variation: SecondVariation, units: Array) -> Stability:
 
 def doubt(error: Array | float) -> Array:
     """Return the margin, in the size of the loads, that a shape with an estimated ``error`` (in L) may be wrong by."""
-    return np.asarray(NEUTRAL + SENSITIVE * np.asarray(error))
+    # what margins are off, in the same size, for each unit of the centreline's estimated error in L: up to 9 on the
+    # frames of the paper's rig
+    sensitive = 10.0
+    return np.asarray(NEUTRAL + sensitive * np.asarray(error))
 
 
 def doubtful(rod: Rod, found: Stability, error: Array | float) -> NDArray[np.bool_]:
@@ -200,14 +201,15 @@ def surely_stable(rod: Rod, kind: Kind, above: Array | float = -NEUTRAL) -> bool
 
 
 def _surely_stable(rod: Rod, mesh: Array, kind: Kind, least: Array) -> bool:
+    spring = 1e4  # against moving the end, in the largest entries of Q's matrix
     variation = second_variation(rod, mesh, kind).symmetric
-    if variation.size > LARGE:
+    if variation.size > SPARSE_FROM:
         shapes = [variation] if not least.ndim else [variation[k] for k in range(len(least))]
         return not any(Pencil(one).below(value) for one, value in zip(shapes, least.ravel().tolist(), strict=True))
     matrix, moves, mass = variation.dense()
     matrix = matrix - least[..., None, None] * mass
     if variation.closed:
-        matrix = matrix + SPRING * np.max(np.abs(matrix)) * np.swapaxes(moves, -1, -2) @ moves
+        matrix = matrix + spring * np.max(np.abs(matrix)) * np.swapaxes(moves, -1, -2) @ moves
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:  # not positive definite
@@ -232,4 +234,5 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
     first = 3 if kind.start_orientation else 0
     field[first : first + len(found)] = found
     at_nodes = np.stack([np.interp(rod.mesh, mesh, one) for one in field.reshape(-1, 3)[::DEGREE].T], axis=1)
-    return at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))
+    scaled: Array = at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))
+    return scaled

@@ -14,20 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness_opt.model.results import Quantities
 from harness_opt.numerics import rotations
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod
-from harness_opt.rod.equations import Section
+from harness_opt.rod.equations import Section, Units
 from harness_opt.rod.long_elements import TERMS, LongElements, derivatives
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
-STRETCHES = 3  # series along an element, for what it misses: of two, their own truncation shows on coarse meshes
-# decay lengths of a tension, with rad of a twisting moment's waves, that an element may have: beyond, what rounding
-# leaves at a node swamps its series
-SPAN = 15.0
-FOLLOWED = 6.0  # decay lengths up to which an element grows what it misses at its start as the exact solution does
-ENERGY_POINTS = 6  # Gauss points an element for energies
 
 
 @dataclass(frozen=True)
@@ -45,6 +40,17 @@ class Samples:
     force: Array
     moment: Array
     omega: Array
+
+    def in_si(self, s: Array, units: Units, origin: Array) -> Quantities:
+        """Return the same at arc lengths ``s`` (N,), m, of a cable whose start stands at ``origin`` (..., 3), m."""
+        return Quantities(
+            s=s,
+            position=origin[..., None, :] + units.length * self.r,
+            quaternion=self.q,
+            curvature=self.omega / units.length,
+            force=units.force * self.force,
+            moment=units.moment * self.moment,
+        )
 
 
 class Defects(NamedTuple):
@@ -100,7 +106,10 @@ class Rod:
     @functools.cached_property
     def long(self) -> NDArray[np.bool_]:
         """Whether an element is longer, in any of the shapes, than a power series spans, (n,)."""
-        return np.asarray(self._growth_lengths > SPAN)
+        # decay lengths of a tension, with rad of a twisting moment's waves, that an element may have: beyond, what
+        # rounding leaves at a node swamps its series
+        span = 15.0
+        return np.asarray(self._growth_lengths > span)
 
     @functools.cached_property
     def _growth_lengths(self) -> Array:
@@ -161,6 +170,8 @@ class Rod:
         solution through the one before. Where a tension makes that grow faster than the collocation does, it is by how
         much the exact solutions through both nodes disagree in the middle, half of it at either end.
         """
+        # decay lengths up to which an element grows what it misses at its start as the exact solution does
+        stiff_from = 6.0
         series = self.series() if series is None else series
         steps = np.diff(self.mesh)
         dq, dm, dr = self._misses(series, steps)
@@ -170,7 +181,7 @@ class Rod:
             for of in (series.q, series.r, series.moment)
         )
         turning, apart = 2.0 * np.linalg.norm(q1 - q0, axis=-1), np.linalg.norm(r1 - r0, axis=-1)
-        stiff = self._decay_lengths > FOLLOWED
+        stiff = self._decay_lengths > stiff_from
         if np.any(stiff):
             jump = rotations.rotate(q1, m1) - rotations.rotate(q0, m0)
             for missed, there in ((dq, q1 - q0), (dm, jump), (dr, r1 - r0)):
@@ -187,25 +198,29 @@ class Rod:
 
     def _misses(self, series: rod.Series, steps: Array) -> tuple[Array, Array, Array]:
         """Return by how much nodes miss the exact solutions through those before; these go there by a few series."""
-        step = np.broadcast_to(steps / STRETCHES, (*self.q.shape[:-2], len(steps)))
+        # series along an element, for what it misses: of two, their own truncation shows on coarse meshes
+        series_count = 3
+        step = np.broadcast_to(steps / series_count, (*self.q.shape[:-2], len(steps)))
         states = [of[..., :-1, :] for of in (series.q, series.r, series.moment)]
         force = self.force[..., :-1, :]
-        for k in range(STRETCHES):
+        for k in range(series_count):
             q, r, moment = (rod.evaluate(of, step) for of in states)
             q = rotations.normalise(q)
             force, moment = force - step[..., None] * self.load, rotations.rotate(q, moment)
-            if k + 1 < STRETCHES:
+            if k + 1 < series_count:
                 on = rod.series(q, r, force, moment, self.section, self.load, SERIES_ORDER)
                 states = [on.q, on.r, on.moment]
         return self.q[..., 1:, :] - q, self.moment[..., 1:, :] - moment, self.r[..., 1:, :] - r
 
     def energy(self) -> Array:
         """Return elastic energy less the work of the distributed load from the start's level, (...), in B/L."""
-        tableau = gauss(ENERGY_POINTS)
+        energy_points = 6  # Gauss points an element for energies
+        tableau = gauss(energy_points)
         steps = np.diff(self.mesh)
         s = (self.mesh[:-1, None] + steps[:, None] * tableau.nodes).ravel()
         weights = (steps[:, None] * tableau.weights).ravel()
         samples = self.sample(s)
         strain = samples.omega - self.section.rest_curvature
         elastic = 0.5 * np.sum(strain**2 * self.section.stiffness, axis=-1)
-        return (elastic - samples.r @ self.load) @ weights
+        energies: Array = (elastic - samples.r @ self.load) @ weights
+        return energies

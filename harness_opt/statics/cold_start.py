@@ -1,7 +1,7 @@
-"""Finding a first shape: a length-true curve is let go and sinks to rest, and what it comes to is solved accurately.
+"""Finding a first shape: the energy is minimised from a length-true curve, and its minimum solved accurately.
 
-What is at rest is at a minimum of its energy, so what is solved from it is stable. The same descent shows where a
-cable lands that has lost its shape.
+What is solved from an energy minimum is stable. The same minimisation finds the new shape of a cable that has lost its
+own (:mod:`harness_opt.statics.release`).
 """
 
 from __future__ import annotations
@@ -15,16 +15,13 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
-from harness_opt.statics.curls import curled
-from harness_opt.statics.energy_minimum import COILED, QUICK, TWISTED, WORK, Resting, sink
-from harness_opt.statics.from_minimum import solve_resting
+from harness_opt.statics.curls import minimum_with_curls
+from harness_opt.statics.energy_minimum import COILED, LITTLE_WORK, TWISTED, WORK, EnergyMinimum, minimise_energy
+from harness_opt.statics.from_minimum import solve_from_minimum
 from harness_opt.statics.load_stepping import softened, stiffen, tighten
 from harness_opt.statics.release import stabilised
 from harness_opt.statics.solve import STAGES, Solved, solve_on
-from harness_opt.statics.starting_curve import EASY, curve, loose, signed
-
-SAME = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
-STRAIGHT = 1e-8  # slack below which a cable is taken for straight
+from harness_opt.statics.starting_curve import EASY_SLACK, curve, loose, signed
 
 
 def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
@@ -40,39 +37,40 @@ def _bows(case: Case, bow: Array | None) -> Sequence[Array | None]:
 def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
     """Yield shapes from the starting curve bowed to ``bow``, one for each way that leads to one, mostly a single one.
 
-    Of a taut cable, three ways are tried: let go as it is, which does where its clamps point along it, or its clamp
+    Of a taut cable, three ways are tried: minimised as it is, which does where its clamps point along it, or its clamp
     layers are long enough for a curve through the ends; begun slack and soft in torsion, tightened while the turns are
     nothing but twist, and stiffened; begun slack, stiffened until the turns have made loops, and tightened.
 
     Args:
         case, turns, bow, solver: as in :func:`cold_start`.
     """
+    straight_slack = 1e-8  # slack below which a cable is taken for straight
     boundary, kind = case.boundary, case.boundary.kind
     slack = 1.0 - float(np.linalg.norm(boundary.gap))
-    taut = kind.start_position and kind.end_position and slack < EASY
+    taut = kind.start_position and kind.end_position and slack < EASY_SLACK
     begun, s, q = curve(case, boundary, turns, bow)
-    if taut and slack <= STRAIGHT:
+    if taut and slack <= straight_slack:
         yield from _some(_straight(begun, s, q, solver))
         return
-    work = QUICK if taut else WORK
-    resting = sink(softened(begun, s, q, COILED), s, q, np.zeros(3), gently=False, work=work)
-    if resting is not None:
-        resting = stiffen(begun, resting, work, patiently=not taut)
-    yield from _some(_solved(begun, resting, solver))
+    work = LITTLE_WORK if taut else WORK
+    minimum = minimise_energy(softened(begun, s, q, COILED), s, q, np.zeros(3), short_steps=False, work=work)
+    if minimum is not None:
+        minimum = stiffen(begun, minimum, work, shorten_steps=not taut)
+    yield from _some(_solved(begun, minimum, solver))
     if taut:
         for coiled in (TWISTED, COILED):
             yield from _some(_tightened(case, turns, bow, coiled, solver))
 
 
 def _from_curls(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
-    """Yield a shape begun with a curl for each turn (:mod:`.curled`), of a cable that has to be let go soft in torsion.
+    """Yield a shape begun with a curl for each turn (:mod:`.curls`), of a cable that has to begin soft in torsion.
 
     Args:
         case, turns, bow, solver: as in :func:`cold_start`.
     """
     begun, s, q = curve(case, loose(case.boundary), turns, bow)
     if softened(begun, s, q, COILED) is not begun:
-        yield from _some(_solved(case, curled(case, turns, bow), solver))
+        yield from _some(_solved(case, minimum_with_curls(case, turns, bow), solver))
 
 
 def _some(found: Solved | None) -> Iterator[Solved]:
@@ -90,18 +88,18 @@ def _tightened(case: Case, turns: int, bow: Array | None, coiled: float, solver:
     begun, s, q = curve(case, loose(case.boundary), turns, bow)
     case = dataclasses.replace(case, boundary=signed(case.boundary, q))
     soft = softened(begun, s, q, coiled)
-    resting = sink(soft, s, q, np.zeros(3), gently=False)
-    if resting is not None and coiled >= COILED:
-        soft, resting = begun, stiffen(begun, resting)
-    if resting is not None:
-        resting = tighten(dataclasses.replace(case, section=soft.section), resting)
-    if resting is not None:
-        resting = stiffen(case, resting, QUICK)
-    return _solved(case, resting, solver)
+    minimum = minimise_energy(soft, s, q, np.zeros(3), short_steps=False)
+    if minimum is not None and coiled >= COILED:
+        soft, minimum = begun, stiffen(begun, minimum)
+    if minimum is not None:
+        minimum = tighten(dataclasses.replace(case, section=soft.section), minimum)
+    if minimum is not None:
+        minimum = stiffen(case, minimum, LITTLE_WORK)
+    return _solved(case, minimum, solver)
 
 
-def _solved(case: Case, resting: Resting | None, solver: str) -> Solved | None:
-    return None if resting is None else solve_resting(case, resting, solver)
+def _solved(case: Case, minimum: EnergyMinimum | None, solver: str) -> Solved | None:
+    return None if minimum is None else solve_from_minimum(case, minimum, solver)
 
 
 def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
@@ -118,13 +116,14 @@ def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
 
 def _starts(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
     """Yield shapes from curves with different bows, then from curls; arguments as of :func:`cold_start`."""
+    same_frames = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
 
     def frames(wish: Array | None) -> Array:
         return curve(case, loose(case.boundary), turns, wish)[2]
 
     tried = list[Array | None]()
     for wish in _bows(case, bow):
-        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=SAME) for other in tried):
+        if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=same_frames) for other in tried):
             continue
         tried.append(wish)
         yield from from_curve(case, turns, wish, solver)
@@ -142,8 +141,8 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved
     """
     unstable = None
     for found in _starts(case, turns, bow, solver):
-        settled = stabilised(found, solver)
-        if settled is not None:
-            return settled
+        stable = stabilised(found, solver)
+        if stable is not None:
+            return stable
         unstable = unstable or found
     return unstable

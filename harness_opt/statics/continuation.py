@@ -20,12 +20,9 @@ from harness_opt.rod.boundary import Case
 from harness_opt.statics.mesh import RESOLVED, ROUGH, elements_for, refine
 from harness_opt.statics.solve import RESIDUAL, Solved, error_estimate, solve_on
 
-PATH_RESIDUAL = 1e-10  # on a path: 2e-10 L off a solve to the last digit, over the motions of the reference cases
 STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
 NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
-SMALLEST_STEP = 2.0**-12  # of a path step
-MOST_STEPS = 300  # tried on one path, taken or not: a path that needs more is given up
-CALM = 3  # corrector iterations up to which the next step may double
+LEAST_STEP = 2.0**-12  # of a path step
 
 
 def _trail(here: Solved, before: Solved | None) -> Trail:
@@ -58,11 +55,12 @@ def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: 
         ratio: this step's length over the last one's, for the predictor.
         solver: name.
     """
+    path_residual = 1e-10  # on a path: 2e-10 L off a solve to the last digit, over the motions of the reference cases
     trail = _trail(here, before)
     length = ratio * trail.steps[0] if trail.steps else 1.0
     predictions = trail.predictions(length)
     guess = predictions[trail.degree]
-    residual = RESIDUAL if before is None else PATH_RESIDUAL
+    residual = RESIDUAL if before is None else path_residual
     solved = solve_on(case, here.bound.mesh, guess, solver, STEP_ITERATIONS, here, residual)
     if not solved.ok or solved.turned:
         return None
@@ -86,15 +84,17 @@ def follow(
         path: parameter to case.
         start, first, last: as above.
         solver: name.
-        smallest: step at which it is given up, in parts of the whole; None takes SMALLEST_STEP.
+        smallest: step at which it is given up, in parts of the whole; None takes LEAST_STEP.
 
     Returns:
         The last solve and its parameter: ``last`` where the path could be followed to its end.
     """
+    few_iterations = 3  # corrector iterations up to which the next step may double
+    most_steps = 300  # tried on one path, taken or not: a path that needs more is given up
     here, before, at = start, None, first
-    shortest = abs(last - first) * (SMALLEST_STEP if smallest is None else smallest)
+    shortest = abs(last - first) * (LEAST_STEP if smallest is None else smallest)
     length, previous = last - first, 1.0
-    for _ in range(MOST_STEPS):
+    for _ in range(most_steps):
         if at == last:
             break
         target = last if abs(last - at) <= abs(length) * (1.0 + 1e-9) else at + length
@@ -112,6 +112,6 @@ def follow(
             before = None
             if not error <= ROUGH:
                 break
-        if solved.solution.iterations <= CALM:
+        if solved.solution.iterations <= few_iterations:
             length *= 2.0
     return here, at

@@ -10,28 +10,27 @@ from harness_opt.numerics.linear import CONDITION_LIMIT, Factor
 from harness_opt.rod.collocation import BoundCollocation
 from harness_opt.statics.solve import RESIDUAL, Solved
 
-POLISHED, POLISHES = 0.5, 4  # part of the residual that a last correction is to leave, and how many there are
-SETTLED, SETTLINGS = 0.3, 12  # part of the residual that a walk along a valley is to leave, and how often
 
-
-def settled(solved: Solved) -> Solved:
-    """Return a solve walked on along its valley until rounding hides the rest; the same where it has none.
+def solve_along_near_null(solved: Solved) -> Solved:
+    """Return a solve carried on along its near-null direction until rounding hides the rest; unchanged without one.
 
     Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
     """
+    # part of the residual that following the near-null curve is to leave, and how often
+    part_left, most_repeats = 0.3, 12
     if solved.factor.condition < CONDITION_LIMIT:
         return solved
     problem, best = solved.bound.least_squares(), solved.solution
-    for _ in range(SETTLINGS):
-        walked = near_null.solve(problem, best.x, Options(SETTLED * best.residual, 0))
-        if not walked.status.ok:
+    for _ in range(most_repeats):
+        followed = near_null.solve(problem, best.x, Options(part_left * best.residual, 0))
+        if not followed.status.ok:
             break
-        best = walked
+        best = followed
     found = Solved(solved.case, solved.bound, best)
     return solved if best is solved.solution or found.turned else found
 
 
-def polished(solved: Solved) -> Solved:
+def correct_to_rounding(solved: Solved) -> Solved:
     """Return a solve corrected until rounding is left, with the Jacobian that it ended with.
 
     What counts as solved grows with the loads, and long elements show what is left: their curvatures are the small
@@ -47,10 +46,12 @@ def polished(solved: Solved) -> Solved:
 
 def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
     """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
-    for _ in range(POLISHES):
+    # part of the residual that a last correction is to leave, and how many there are
+    most_left, most_corrections = 0.5, 4
+    for _ in range(most_corrections):
         x = best.x - factor.solve(bound.residual(best.x))
         left = largest(bound.residual(x))
-        if not left < POLISHED * best.residual:
+        if not left < most_left * best.residual:
             break
         best = dataclasses.replace(best, x=x, residual=left)
     return best

@@ -8,22 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
+from harness_opt.model import checks
 from harness_opt.model.cable import Cable, End
+from harness_opt.model.methods import check_method
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.boundary import case
 from harness_opt.statics.cold_start import from_curve
-from harness_opt.statics.equilibrium import TOLERANCE, Shape, check_method, check_tolerance, refined_shape, vector
+from harness_opt.statics.equilibrium import TOLERANCE, Shape, refined_shape
 from harness_opt.statics.release import stabilised
 
 BOWS = 8  # directions about the chord to which starting curves bow
-TURNS = (-1, 0, 1)
+EXTRA_TURNS = (-1, 0, 1)
 MOST_STARTS = 10_000
 SAME_PLACE = 1e-4  # in lengths of the cable: centrelines this close are one shape
-SAME_ENERGY = 1e-6  # relative: neutral shapes of one energy are one family
-SAME_TWIST = 1e-3  # rad over the cable
-NEUTRAL = 1e-3  # stability margin up to which a shape may be of a neutral family, in the largest load on the cable
 
 
 @one_thread
@@ -34,7 +33,7 @@ def equilibria(
     gravity: ArrayLike = (0.0, 0.0, 0.0),
     *,
     bows: int = BOWS,
-    turns: Iterable[int] = TURNS,
+    turns: Iterable[int] = EXTRA_TURNS,
     solver: str = "gauss-newton",
     tolerance: float = TOLERANCE,
     stations: int = STATIONS,
@@ -42,7 +41,7 @@ def equilibria(
     """Return the distinct stable shapes found between two ends in world coordinates, that of least energy first.
 
     Each start is a curve of the cable's length, bowed to one of several directions about the chord and twisted by one
-    of several numbers of turns; it sinks to a minimum of its energy and is solved there. A search, so there may be
+    of several numbers of turns; its energy is minimised, and the minimum solved. A search, so there may be
     shapes that it does not find; none that it returns is unstable, or an image of another in a neutral family. One of
     them can begin a motion: ``simulate(problem, first={"lead": shape})``.
 
@@ -55,8 +54,8 @@ def equilibria(
         ProblemError: as :func:`harness_opt.equilibrium`; no start, or more than MOST_STARTS.
     """
     check_method("collocation", solver)
-    check_tolerance(tolerance)
-    posed = case(cable, start, end, vector("gravity", gravity))
+    tolerance = checks.positive("tolerance", tolerance)
+    posed = case(cable, start, end, np.asarray(checks.numbers("gravity", gravity, 3)))
     kind = posed.boundary.kind
     twists = sorted(set(turns)) if kind.start_orientation and kind.end_orientation else [0]
     if not (isinstance(bows, int) and 0 < bows * len(twists) <= MOST_STARTS):
@@ -67,10 +66,10 @@ def equilibria(
     for twist in twists:
         for bow in _directions(posed.boundary.gap, bows):
             starts = from_curve(posed, end.turns + twist, bow, solver)
-            settled = next((one for one in (stabilised(start, solver) for start in starts) if one is not None), None)
-            if settled is None:
+            stable = next((one for one in (stabilised(start, solver) for start in starts) if one is not None), None)
+            if stable is None:
                 continue
-            shape = refined_shape(cable, (start, end), settled, tolerance, solver, stations)
+            shape = refined_shape(cable, (start, end), stable, tolerance, solver, stations)
             if shape.ok and shape.stable and not any(_same(shape, other) for other in found):
                 found.append(shape)
     return tuple(sorted(found, key=lambda shape: shape.energy))
@@ -90,12 +89,17 @@ def _same(a: Shape, b: Shape) -> bool:
     A family is one shape turned about an axis: energy and twist are those of all its members, but not of their mirror
     images.
     """
+    # stability margin up to which a shape may be of a neutral family, in the largest load on the cable
+    neutral_margin = 1e-3
+    same_twist = 1e-3  # rad over the cable
+    same_energy = 1e-6  # relative: neutral shapes of one energy are one family
     length = float(a.s[-1])
     if np.max(np.linalg.norm(a.position - b.position, axis=1)) < SAME_PLACE * length:
         return True
     neutral = all(
-        abs(shape.stability_margin) < NEUTRAL * (1.0 + float(np.max(np.abs(shape.rod.force)))) for shape in (a, b)
+        abs(shape.stability_margin) < neutral_margin * (1.0 + float(np.max(np.abs(shape.rod.force))))
+        for shape in (a, b)
     )
     twisted = float(np.max(np.abs(a.curvature[:, 2] - b.curvature[:, 2]))) * length
-    near = abs(a.energy - b.energy) < SAME_ENERGY * max(abs(a.energy), abs(b.energy))
-    return neutral and near and twisted < SAME_TWIST
+    near = abs(a.energy - b.energy) < same_energy * max(abs(a.energy), abs(b.energy))
+    return neutral and near and twisted < same_twist

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.errors import ProblemError, SolveError, Status
+from harness_opt.errors import SolveError, Status
+from harness_opt.model import checks
 from harness_opt.model.cable import Cable, End
-from harness_opt.model.results import STATIONS
+from harness_opt.model.methods import check_method
+from harness_opt.model.results import STATIONS, Quantities
 from harness_opt.numerics.interface import Solution
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
@@ -22,18 +24,16 @@ from harness_opt.rod.states import Rod
 from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.mesh import LAST_RESORT, refine
 from harness_opt.statics.paper_pose import START_SOLVER, Quadrature, solve_by_quadrature
-from harness_opt.statics.solve import SOLVERS, Solved, resample, solve_on
+from harness_opt.statics.solve import Solved, resample, solve_on
 
 TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
 
 
 @dataclass(frozen=True)
-class Shape:
-    """One equilibrium in SI units, as plain arrays.
+class Shape(Quantities):
+    """One equilibrium in SI units, as plain arrays: the quantities at N stations, and how they were found.
 
     Args:
-        s: arc lengths of the stations, m, (N,).
-        position, quaternion, curvature, force, moment: there, (N, 3) or (N, 4); see ``motion.npz``.
         status: how the solve ended.
         stable: whether no small motion that the ends allow lowers the energy; of a shape that is not ``ok``, False.
         stability_margin: lowest eigenvalue of the second variation, dimensionless; 0 is neutral.
@@ -44,12 +44,6 @@ class Shape:
         rod: the solved states without dimensions, for sampling and for going on from here.
     """
 
-    s: Array
-    position: Array
-    quaternion: Array
-    curvature: Array
-    force: Array
-    moment: Array
     status: Status
     stable: bool
     stability_margin: float
@@ -66,7 +60,7 @@ class Shape:
         """True only for a converged shape of certified accuracy."""
         return self.status.ok
 
-    def at(self, s: ArrayLike) -> ShapeAt:
+    def at(self, s: ArrayLike) -> Quantities:
         """Return the same quantities at arc lengths ``s`` (m,) or a number, in m, to the accuracy of the solve.
 
         Raises:
@@ -75,26 +69,14 @@ class Shape:
         wanted = np.atleast_1d(np.asarray(s, dtype=float))
         if wanted.size and (wanted.min() < 0 or wanted.max() > self._units.length * (1 + 1e-12)):
             raise ValueError(f"arc length off the cable: expected 0 to {self._units.length} m, found {s!r}")
-        answer = _sampled(self.rod, self._units, self._origin, wanted)
+        answer = self.rod.sample(wanted / self._units.length).in_si(wanted, self._units, self._origin)
         if np.ndim(s) == 0:
-            answer = ShapeAt(*(getattr(answer, field.name)[0] for field in dataclasses.fields(answer)))
+            answer = Quantities(*(getattr(answer, field.name)[0] for field in dataclasses.fields(answer)))
         return answer
 
 
 @dataclass(frozen=True)
-class ShapeAt:
-    """Quantities of a shape at chosen arc lengths; fields as in :class:`Shape`."""
-
-    s: Array
-    position: Array
-    quaternion: Array
-    curvature: Array
-    force: Array
-    moment: Array
-
-
-@dataclass(frozen=True)
-class Ended:
+class _Outcome:
     """A solve by either transcription: its rod, status, largest residual, error in L, and iterations."""
 
     rod: Rod
@@ -102,36 +84,6 @@ class Ended:
     residual: float
     error: float
     iterations: int
-
-
-def _sampled(rod: Rod, units: Units, origin: Array, s: Array) -> ShapeAt:
-    samples = rod.sample(s / units.length)
-    return ShapeAt(
-        s,
-        origin + units.length * samples.r,
-        samples.q,
-        samples.omega / units.length,
-        units.force * samples.force,
-        units.moment * samples.moment,
-    )
-
-
-TRANSCRIPTIONS = ("collocation", "dqm")
-
-
-def check_method(transcription: str, solver: str) -> None:
-    """Raise ProblemError where a transcription or solver of that name cannot be had."""
-    if transcription not in TRANSCRIPTIONS:
-        expected = " or ".join(map(repr, TRANSCRIPTIONS))
-        raise ProblemError(f"transcription: found {transcription!r}, expected {expected}")
-    if solver not in SOLVERS:
-        raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")
-
-
-def check_tolerance(tolerance: float) -> None:
-    """Raise ProblemError where ``tolerance`` is not a number above 0."""
-    if not (np.isfinite(tolerance) and tolerance > 0):
-        raise ProblemError(f"tolerance: found {tolerance!r}, expected a number above 0")
 
 
 @one_thread
@@ -173,55 +125,47 @@ def equilibrium(  # noqa: PLR0913
         SolveError: no shape was found (only where ``throw``).
     """
     check_method(transcription, solver)
-    posed = case(cable, start, end, vector("gravity", gravity))
-    direction = None if bow is None else vector("bow", bow)
-    if direction is not None and not np.any(direction):
-        raise ProblemError(f"bow: found {bow!r}, expected a direction")
-    check_tolerance(tolerance)
+    posed = case(cable, start, end, np.asarray(checks.numbers("gravity", gravity, 3)))
+    direction = None if bow is None else np.asarray(checks.direction("bow", bow))
+    tolerance = checks.positive("tolerance", tolerance)
     options = Quadrature(points, closure, solver, tolerance)
     if guess is not None:
         posed = posed.signed_like(guess.rod.q[0], guess.rod.q[-1]) if guess.ok else posed
-    if transcription == "dqm":
-        shape = _by_quadrature(cable, (start, end), posed, direction, guess, stations, options)
-    else:
-        shape = _by_collocation(cable, (start, end), posed, direction, guess, stations, (tolerance, solver))
+    sought = _Sought(cable, (start, end), posed, direction, guess, stations)
+    dqm = transcription == "dqm"
+    shape = _by_quadrature(sought, options) if dqm else _by_collocation(sought, tolerance, solver)
     if throw and not shape.ok:
         raise SolveError(f"no shape was found: {shape.status.value}", shape.status, shape)
     return shape
 
 
-def vector(name: str, value: ArrayLike) -> Array:
-    """Return ``value`` as an array (3,).
+@dataclass(frozen=True)
+class _Sought:
+    """What :func:`equilibrium` is asked for, checked."""
 
-    Raises:
-        ProblemError: not three finite numbers.
-    """
-    array = np.asarray(value, dtype=float)
-    if array.shape != (3,) or not np.all(np.isfinite(array)):
-        raise ProblemError(f"{name}: found {value!r}, expected 3 finite numbers")
-    return array
+    cable: Cable
+    ends: tuple[End, End]
+    case: Case
+    bow: Array | None
+    guess: Shape | None
+    stations: int
+
+    def cold_start(self, solver: str) -> Solved | None:
+        """Return a first shape found from the ends alone."""
+        return cold_start(self.case, self.ends[1].turns, self.bow, solver)
 
 
-def _by_collocation(
-    cable: Cable,
-    ends: tuple[End, End],
-    posed: Case,
-    bow: Array | None,
-    guess: Shape | None,
-    stations: int,
-    numerics: tuple[float, str],
-) -> Shape:
+def _by_collocation(sought: _Sought, tolerance: float, solver: str) -> Shape:
     """Solve from the guess or from nothing, refine, and return the shape, or a failed one."""
-    tolerance, solver = numerics
-    solved: Solved | None = None
+    guess, solved = sought.guess, None
     if guess is None:
-        solved = cold_start(posed, ends[1].turns, bow, solver)
+        solved = sought.cold_start(solver)
     elif guess.ok:
         mesh = guess.rod.mesh
-        solved = solve_on(posed, mesh, resample(guess.rod, mesh), solver)
+        solved = solve_on(sought.case, mesh, resample(guess.rod, mesh), solver)
     if solved is None or not solved.ok:
-        return _failed(cable, stations, None if solved is None else solved.solution)
-    return refined_shape(cable, ends, solved, tolerance, solver, stations)
+        return _failed(sought.cable, sought.stations, None if solved is None else solved.solution)
+    return refined_shape(sought.cable, sought.ends, solved, tolerance, solver, sought.stations)
 
 
 def refined_shape(
@@ -229,58 +173,46 @@ def refined_shape(
 ) -> Shape:
     """Refine the mesh of a solved case to ``tolerance`` and return the shape between ``ends``, start and end."""
     solved, error, status = refine(solved, tolerance, solver, LAST_RESORT[-1])
-    ended = Ended(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
-    return _shape(cable, *ends, solved.case.boundary.kind, ended, stations)
+    outcome = _Outcome(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
+    return _shape(cable, *ends, solved.case.boundary.kind, outcome, stations)
 
 
-def _by_quadrature(
-    cable: Cable,
-    ends: tuple[End, End],
-    posed: Case,
-    bow: Array | None,
-    guess: Shape | None,
-    stations: int,
-    options: Quadrature,
-) -> Shape:
+def _by_quadrature(sought: _Sought, options: Quadrature) -> Shape:
     """Solve by the paper's transcription from the guess, or from a cold start's shape; return it, or a failed one."""
+    guess, posed = sought.guess, sought.case
     begin = guess.rod if guess is not None and guess.ok else None
     if guess is None:
-        solved = cold_start(posed, ends[1].turns, bow, START_SOLVER)
+        solved = sought.cold_start(START_SOLVER)
         if solved is not None and solved.ok:
             posed, begin = solved.case, solved.rod
     if begin is None:
-        return _failed(cable, stations, None)
+        return _failed(sought.cable, sought.stations, None)
     answer = solve_by_quadrature(posed, begin, options)
-    ended = Ended(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
-    return _shape(cable, *ends, posed.boundary.kind, ended, stations)
+    outcome = _Outcome(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
+    return _shape(sought.cable, *sought.ends, posed.boundary.kind, outcome, sought.stations)
 
 
-def _shape(cable: Cable, start: End, end: End, kind: Kind, ended: Ended, stations: int) -> Shape:
+def _shape(cable: Cable, start: End, end: End, kind: Kind, outcome: _Outcome, stations: int) -> Shape:
     """Return a solved rod in SI units."""
-    units, rod = rod_module.scale(cable)[1], ended.rod
+    units, rod = rod_module.scale(cable)[1], outcome.rod
     answer = stability(rod, kind)
     if start.position is not None:
         origin = np.asarray(start.position)
     else:
         origin = np.asarray(end.position) - units.length * rod.r[-1]
-    at = _sampled(rod, units, origin, np.linspace(0.0, cable.length, stations))
+    s = np.linspace(0.0, cable.length, stations)
     return Shape(
-        at.s,
-        at.position,
-        at.quaternion,
-        at.curvature,
-        at.force,
-        at.moment,
-        ended.status,
-        ended.status.ok and bool(answer.stable),
-        float(answer.margin),
-        float(rod.energy()) * units.moment,
-        ended.residual,
-        ended.error,
-        ended.iterations,
-        rod,
-        units,
-        origin,
+        **vars(rod.sample(s / units.length).in_si(s, units, origin)),
+        status=outcome.status,
+        stable=outcome.status.ok and bool(answer.stable),
+        stability_margin=float(answer.margin),
+        energy=float(rod.energy()) * units.moment,
+        residual=outcome.residual,
+        estimated_error=outcome.error,
+        iterations=outcome.iterations,
+        rod=rod,
+        _units=units,
+        _origin=origin,
     )
 
 
@@ -290,9 +222,23 @@ def _failed(cable: Cable, stations: int, solution: Solution | None) -> Shape:
     status, residual, iterations = Status.NO_START, np.inf, 0
     if solution is not None:
         status, residual, iterations = solution.status, solution.residual, solution.iterations
-    vector, quaternion = np.full((len(s), 3), np.nan), np.full((len(s), 4), np.nan)
+    unknown = np.full((len(s), 3), np.nan)
     nothing = Rod(Section(np.ones(3), np.zeros(3)), np.zeros(3), np.zeros(0), *(np.zeros((0, k)) for k in (4, 3, 3, 3)))
     return Shape(
-        s, vector, quaternion, vector, vector, vector, status, False, np.nan, np.nan, residual, np.inf, iterations,
-        nothing, units, np.zeros(3),
-    )  # fmt: skip
+        s=s,
+        position=unknown,
+        quaternion=np.full((len(s), 4), np.nan),
+        curvature=unknown,
+        force=unknown,
+        moment=unknown,
+        status=status,
+        stable=False,
+        stability_margin=np.nan,
+        energy=np.nan,
+        residual=residual,
+        estimated_error=np.inf,
+        iterations=iterations,
+        rod=nothing,
+        _units=units,
+        _origin=np.zeros(3),
+    )

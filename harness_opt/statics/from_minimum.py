@@ -1,4 +1,4 @@
-"""From a chain at rest to an accurate shape of the cable."""
+"""From an energy minimum on a chain of elements to an accurate shape of the cable, by collocation."""
 
 from __future__ import annotations
 
@@ -11,60 +11,62 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
 from harness_opt.statics.continuation import follow, turning
-from harness_opt.statics.energy_minimum import Resting, closer, density, fitted
+from harness_opt.statics.energy_minimum import EnergyMinimum, density, fitted, refine_curls
 from harness_opt.statics.mesh import ELEMENTS, divided
-from harness_opt.statics.solve import SAFEGUARDED, STAGES, Solved, error_estimate, solve_on
+from harness_opt.statics.solve import NEAR_NULL_AFTER, STAGES, Solved, error_estimate, solve_on
 
-BENT = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent
 LAYER, DECAYED = 1.0, 18.0  # decay lengths: of an element at the foot of a layer, and after which 1e-8 of it is left
-FAITHFUL = 0.5  # rad, turning up to which a solved shape is that of the chain
-RESOLVED = 0.02  # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-# the chain is right to a per mille: what needs more does not converge, of the fastest solver and of the others
-SOLVE_ITERATIONS, SLOWER = 20, 60
-REFINEMENTS = (1, 2)  # collocation elements tried for one of the chain
-CLOSER = (1, 2)  # elements for one of a chain that curls are brought closer to their rest on
 
 
-def solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
-    """Solve ``case`` accurately from a chain at rest; None where what comes out is not its shape.
+def solve_from_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solved | None:
+    """Solve ``case`` accurately from an energy minimum; None where what comes out is not its shape.
 
-    Where that fails, curls may be too far from where they rest: along the cable there is next to nothing that holds
-    them. They are brought closer, on finer elements too, and it is tried again.
+    Where that fails, curls may be too far from their equilibrium: along the cable there is next to nothing that holds
+    them. They are moved closer, on finer elements too, and it is tried again.
     """
-    solved = _solve_resting(case, resting, solver)
-    for finer in CLOSER:
+    curl_refinements = (1, 2)  # elements for one of a chain that curls are moved on to the last digit
+    solved = _solve_near_minimum(case, minimum, solver)
+    for finer in curl_refinements:
         if solved is not None:
             break
-        nearer = closer(resting, finer)
+        nearer = refine_curls(minimum, finer)
         if nearer is None:
             break
-        resting, solved = nearer, _solve_resting(case, nearer, solver)
+        minimum, solved = nearer, _solve_near_minimum(case, nearer, solver)
     return solved
 
 
-def _solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
-    """Solve ``case`` accurately from a chain at rest; None where what comes out is not its shape."""
-    chain = resting.chain
+def _solve_near_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solved | None:
+    """Solve ``case`` accurately from an energy minimum; None where what comes out is not its shape."""
+    refinements = (1, 2)  # collocation elements tried for one of the chain
+    # the chain is right to a per mille: what needs more does not converge, of the fastest solver and of the others
+    solve_iterations, slower_iterations = 20, 60
+    # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
+    most_error = 0.02
+    most_turning = 0.5  # rad, turning up to which a solved shape is that of the chain
+    chain = minimum.chain
     boundary = dataclasses.replace(chain.boundary, gap=case.boundary.gap)  # with the signs of its quaternions
     case = dataclasses.replace(case, boundary=boundary)
     still = dataclasses.replace(boundary, start_moment=np.zeros(3), end_moment=np.zeros(3))
     without_moments = dataclasses.replace(case, boundary=still)
-    force = chain.force(resting.multipliers) + case.load
-    coarse = _solving_mesh(resting)
-    for finer in REFINEMENTS:
+    force = chain.force(minimum.multipliers) + case.load
+    coarse = _solving_mesh(minimum)
+    for finer in refinements:
         elements = next((n for n in ELEMENTS if n >= finer * (len(coarse) - 1)), None)
         if elements is None:
             return None
         mesh = divided(coarse, elements)
-        q, omega = chain.sample(resting.q, stations(mesh, STAGES))
+        q, omega = chain.sample(minimum.q, stations(mesh, STAGES))
         moment = rotations.rotate(q, case.section.stiffness * (omega - case.section.rest_curvature))
         x = pack(q, moment, force, STAGES)
-        iterations = SOLVE_ITERATIONS if solver == SAFEGUARDED else SLOWER
+        iterations = solve_iterations if solver == NEAR_NULL_AFTER else slower_iterations
         solved = solve_on(without_moments, mesh, x, solver, iterations)
-        if not solved.ok or solved.turned or not error_estimate(solved)[0] < RESOLVED:
+        if not solved.ok or solved.turned or not error_estimate(solved)[0] < most_error:
             continue
-        walked = solved.solution.factor is None  # along a valley: no step of the last iterations was Newton's own
-        if walked or turning(solved.rod.sample(chain.nodes).q, resting.q) < FAITHFUL:
+        followed = (
+            solved.solution.factor is None
+        )  # the near-null curve: no step of the last iterations was Newton's own
+        if followed or turning(solved.rod.sample(chain.nodes).q, minimum.q) < most_turning:
             break
     else:
         return None
@@ -75,15 +77,15 @@ def _solve_resting(case: Case, resting: Resting, solver: str) -> Solved | None:
     return solved
 
 
-def _solving_mesh(resting: Resting) -> Array:
-    """Return a mesh for the collocation of a shape at rest: as dense as that needs, and as its layers do."""
-    chain = resting.chain
-    omega = chain.sample(resting.q, chain.points)[1]
-    places, layers = _layers(resting, np.abs(omega - chain.section.rest_curvature))
+def _solving_mesh(minimum: EnergyMinimum) -> Array:
+    """Return a mesh for the collocation of an energy minimum: as dense as that needs, and as its layers do."""
+    chain = minimum.chain
+    omega = chain.sample(minimum.q, chain.points)[1]
+    places, layers = _layers(minimum, np.abs(omega - chain.section.rest_curvature))
     return fitted(places, np.maximum(np.interp(places, chain.points, density(omega, chain.points)), layers))
 
 
-def _layers(resting: Resting, bending: Array) -> tuple[Array, Array]:
+def _layers(minimum: EnergyMinimum, bending: Array) -> tuple[Array, Array]:
     """Return places (N,) and the elements per length (N,) that what decays from clamps and curls needs there.
 
     Where a cable is taut, bending about axis i falls off with exp(-sqrt(F / k_i) s). The local errors of order
@@ -91,16 +93,18 @@ def _layers(resting: Resting, bending: Array) -> tuple[Array, Array]:
     of its own.
 
     Args:
-        resting: the shape.
+        minimum: the shape.
         bending: its curvatures at the points of the chain, without sign, (m, 3).
     """
-    chain, grid, found = resting.chain, [resting.chain.points], []
+    bent_from = 0.05  # curvature times the decay length, rad, from which on a layer or a curl is bent
+    chain, grid, found = minimum.chain, [minimum.chain.points], []
 
     def force(s: Array) -> Array:
-        return np.linalg.norm(chain.force(resting.multipliers) + (1.0 - s)[:, None] * chain.load, axis=1)
+        size: Array = np.linalg.norm(chain.force(minimum.multipliers) + (1.0 - s)[:, None] * chain.load, axis=1)
+        return size
 
     for axis in (0, 1):
-        bent = bending[:, axis] > BENT * np.sqrt(force(chain.points) / chain.section.stiffness[axis])
+        bent = bending[:, axis] > bent_from * np.sqrt(force(chain.points) / chain.section.stiffness[axis])
         sources = np.concatenate([[0.0], chain.points[bent], [1.0]])
         wave = np.sqrt(force(sources) / chain.section.stiffness[axis])
         decay = np.arange(-DECAYED, DECAYED + 1.0) / np.maximum(wave, 1.0)[:, None]

@@ -12,26 +12,21 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.energy_chain import Chain
 from harness_opt.statics.energy_minimum import (
+    LITTLE_WORK,
     LONG_STEP,
-    QUICK,
     SMALL_STEP,
-    TURNING,
+    TURNING_PER_ELEMENT,
     WARM_SHIFT,
     WORK,
-    Resting,
-    _Manner,
-    _rest,
-    _slack,
+    DescentLimits,
+    EnergyMinimum,
+    descend_to_minimum,
+    slack_of,
 )
-
-STIFFEN = 4.0  # factor by which a march makes it stiffer in torsion; one that jumps too far coils it up
-LEAST_STIFFEN = 1.15
-TIGHTEN = 2.0  # factor by which a march makes a cable tauter
-LEAST_TIGHTEN = 1.1
 
 
 def softened(case: Case, s: Array, q: Array, coiled: float) -> Case:
-    """Return ``case`` with so little torsional stiffness that a curve does not coil up where it is let go.
+    """Return ``case`` with so little torsional stiffness that a curve does not coil up as its energy is minimised.
 
     A twisted cable bends first in waves as short as M / k allows, and many turns of one that is stiff in torsion would
     have it coil too finely for any mesh. A soft one takes its turns into loops as long as itself.
@@ -50,64 +45,71 @@ def softened(case: Case, s: Array, q: Array, coiled: float) -> Case:
     return dataclasses.replace(case, section=dataclasses.replace(case.section, stiffness=soft))
 
 
-def stiffen(case: Case, resting: Resting, work: int = WORK, *, patiently: bool = False) -> Resting | None:
-    """Take a :func:`softened` cable at rest to the stiffness of ``case``, from minimum to minimum; None if in vain.
+def stiffen(
+    case: Case, minimum: EnergyMinimum, work: int = WORK, *, shorten_steps: bool = False
+) -> EnergyMinimum | None:
+    """Take the energy minimum of a :func:`softened` cable to the stiffness of ``case``, step by step; None if in vain.
 
     Args:
-        case, resting: as above.
+        case, minimum: as above.
         work: elements times steps that each minimum may take.
-        patiently: in shorter steps where the first fails, else it fails.
+        shorten_steps: take shorter steps where the first fails, else give up.
     """
-    wanted, factor = float(case.section.stiffness[2]), STIFFEN
-    while (reached := float(resting.chain.section.stiffness[2])) < wanted:
+    least_factor = 1.15
+    first_factor = 4.0  # factor by which a load step makes it stiffer in torsion; too long a step coils it up
+    wanted, factor = float(case.section.stiffness[2]), first_factor
+    while (reached := float(minimum.chain.section.stiffness[2])) < wanted:
         stiffness = np.array([*case.section.stiffness[:2], min(factor * reached, wanted)])
         section = dataclasses.replace(case.section, stiffness=stiffness)
-        chain = Chain(section, case.load, resting.chain.boundary, resting.chain.mesh, exact=resting.chain.exact)
-        tried = min(work, QUICK) if patiently and factor >= LEAST_STIFFEN**2 else work
-        manner = _Manner(LONG_STEP, tried, nearly=stiffness[2] < wanted)
-        found = _rest(chain, resting.q, resting.multipliers, WARM_SHIFT, manner)
+        chain = Chain(section, case.load, minimum.chain.boundary, minimum.chain.mesh, exact=minimum.chain.exact)
+        tried = min(work, LITTLE_WORK) if shorten_steps and factor >= least_factor**2 else work
+        limits = DescentLimits(LONG_STEP, tried, roughly=stiffness[2] < wanted)
+        found = descend_to_minimum(chain, minimum.q, minimum.multipliers, WARM_SHIFT, limits)
         if found is not None:
-            resting = found
+            minimum = found
             continue
         factor = math.sqrt(factor)
-        if not patiently or factor < LEAST_STIFFEN:
+        if not shorten_steps or factor < least_factor:
             return None
-    return resting
+    return minimum
 
 
-def tighten(case: Case, resting: Resting) -> Resting | None:
-    """Take a cable at rest to the shorter slack of ``case``, from minimum to minimum; None where it gets lost.
+def tighten(case: Case, minimum: EnergyMinimum) -> EnergyMinimum | None:
+    """Take an energy minimum to the shorter slack of ``case``, step by step; None where it gets lost.
 
     A taut cable is straight but for clamp layers and curls as long as its slack, and its tension goes with the inverse
     square of it: so what is bent is shrunk with every step, which leaves hardly anything to solve.
     """
-    wanted, factor = _slack(case.boundary), TIGHTEN
+    least_ratio = 1.1
+    first_ratio = 2.0  # factor by which a load step makes a cable tauter
+    wanted, factor = slack_of(case.boundary), first_ratio
     direction = case.boundary.gap / np.linalg.norm(case.boundary.gap)
-    slack = _slack(resting.chain.boundary)
+    slack = slack_of(minimum.chain.boundary)
     while slack > wanted * (1.0 + 1e-9):
         step = min(factor, slack / wanted)
         gap = case.boundary.gap if step == slack / wanted else (1.0 - slack / step) * direction
-        boundary = dataclasses.replace(resting.chain.boundary, gap=gap)
-        chain = Chain(case.section, case.load, boundary, _shrunk(resting, step), exact=True)
-        manner = _Manner(SMALL_STEP, WORK, nearly=step < slack / wanted)
-        found = _rest(chain, resting.q, resting.multipliers * step**2, WARM_SHIFT, manner)
+        boundary = dataclasses.replace(minimum.chain.boundary, gap=gap)
+        chain = Chain(case.section, case.load, boundary, _shrunk(minimum, step), exact=True)
+        limits = DescentLimits(SMALL_STEP, WORK, roughly=step < slack / wanted)
+        found = descend_to_minimum(chain, minimum.q, minimum.multipliers * step**2, WARM_SHIFT, limits)
         if found is None:
             factor = np.sqrt(factor)
-            if factor < LEAST_TIGHTEN:
+            if factor < least_ratio:
                 return None
             continue
-        resting, slack = found, slack / step
-    return resting
+        minimum, slack = found, slack / step
+    return minimum
 
 
-def _shrunk(resting: Resting, factor: float) -> Array:
+def _shrunk(minimum: EnergyMinimum, factor: float) -> Array:
     """Return the mesh of a chain with its bent elements shorter by ``factor`` and its straight ones longer."""
-    chain = resting.chain
+    chain = minimum.chain
     steps = np.diff(chain.mesh)
-    bending = np.linalg.norm(chain.sample(resting.q, chain.points)[1][:, :2], axis=1)
-    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (1e-4 * TURNING), 0.0, 1.0)
+    bending = np.linalg.norm(chain.sample(minimum.q, chain.points)[1][:, :2], axis=1)
+    bent = np.clip(bending.reshape(len(steps), -1).max(axis=1) * steps / (1e-4 * TURNING_PER_ELEMENT), 0.0, 1.0)
     steps, straight = steps * (1.0 - (1.0 - 1.0 / factor) * bent), steps * (1.0 - bent)
     if np.sum(straight) > 0.0:
         steps = steps + (1.0 - np.sum(steps)) * straight / np.sum(straight)
     run = np.concatenate([[0.0], np.cumsum(steps)])
-    return run / run[-1]
+    mesh: Array = run / run[-1]
+    return mesh

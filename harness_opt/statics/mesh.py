@@ -1,4 +1,4 @@
-"""The mesh that a shape needs: dealt out anew where its error is, until that is small enough."""
+"""Mesh refinement: the elements of a shape redistributed to where its error is, until that is small enough."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ import numpy as np
 
 from harness_opt.errors import Status
 from harness_opt.numerics.rotations import Array
-from harness_opt.statics.corrections import polished
+from harness_opt.statics.corrections import correct_to_rounding
 from harness_opt.statics.solve import STAGES, Solved, error_estimate, resample, solve_on
 
 # meshes on offer; a function is built once for each
 ELEMENTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 LAST_RESORT = (384, 512)  # elements of the one shape that those do not do for
 # Estimated errors, in L: at which a path is refined on the way, as near folds more leads past them; and at which it is
-# given up, as more leads to shapes that the cable does not have. Along flat valleys no mesh may do for the first.
+# given up, as more leads to shapes that the cable does not have. Along a near-null direction no mesh may do for the
+# first.
 COARSE, ROUGH = 1e-5, 1e-3
 RESOLVED = 1e-6  # estimated error, in L, that it is refined to then
-ENOUGH = 128  # elements up to which it is refined for the first
-BLAMELESS = 1e-9  # largest local error, in L, of a mesh that is not to blame for an estimated error: a flat valley is
-WORTHWHILE = 0.5  # part of the error that dealing the finest mesh out anew must leave at most, to be done again
 
 
 def refined_mesh(mesh: Array, local: Array, elements: int) -> Array:
@@ -55,10 +53,11 @@ def finer_mesh(mesh: Array, local: Array, excess: float, before: float, most: in
         most: elements.
 
     Returns:
-        The finest of these, dealt out anew, where there is no finer one; None where that gains nothing any more.
+        The finest of these, redistributed, where there is no finer one; None where that gains nothing any more.
     """
+    worthwhile = 0.5  # part of the error that redistributing the finest mesh must leave at most, to be done again
     n = len(mesh) - 1
-    if n >= most and not excess < WORTHWHILE * before:
+    if n >= most and not excess < worthwhile * before:
         return None
     most = max(n, most)
     wanted = n * min(2.0, 1.15 * excess ** (0.5 / STAGES))
@@ -73,11 +72,14 @@ def elements_for(elements: int, error: float, local: Array) -> int:
         elements: that it has.
         error, local: what :func:`error_estimate` returns.
     """
-    if error <= COARSE or np.max(local) <= BLAMELESS:
+    # largest local error, in L, of a mesh not to blame for an estimated error: a near-null direction is
+    least_local = 1e-9
+    first_refinement = 128  # elements up to which it is refined for the first
+    if error <= COARSE or np.max(local) <= least_local:
         return 0
     if error > ROUGH:
         return ELEMENTS[-1]
-    return ENOUGH if elements < ENOUGH else 0
+    return first_refinement if elements < first_refinement else 0
 
 
 def refine(solved: Solved, tolerance: float, solver: str, most: int = ELEMENTS[-1]) -> tuple[Solved, float, Status]:
@@ -93,7 +95,7 @@ def refine(solved: Solved, tolerance: float, solver: str, most: int = ELEMENTS[-
     """
     error, local = error_estimate(solved)
     if error > tolerance or np.any(solved.rod.long):  # what is good enough stays, with all that is known of it
-        solved = polished(solved)
+        solved = correct_to_rounding(solved)
         error, local = error_estimate(solved)
     best, before = (solved, error), np.inf
     while error > tolerance:
@@ -107,7 +109,7 @@ def refine(solved: Solved, tolerance: float, solver: str, most: int = ELEMENTS[-
         again = solve_on(solved.case, mesh, x, solver)
         if not again.ok or again.turned:
             return *best, again.solution.status if not again.ok else Status.WRONG_TURNS
-        solved = polished(again)
+        solved = correct_to_rounding(again)
         error, local = error_estimate(solved)
         best = min(best, (solved, error), key=lambda found: found[1])
     return solved, error, Status.OK

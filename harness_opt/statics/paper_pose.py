@@ -17,12 +17,9 @@ from harness_opt.rod.boundary import Case
 from harness_opt.rod.differential_quadrature import FEWEST, MOST, Dqm
 from harness_opt.rod.states import Rod
 from harness_opt.statics.mesh import ELEMENTS, refine
-from harness_opt.statics.solve import SOLVERS, resample, solve_on
+from harness_opt.statics.solve import SOLVER_OF, resample, solve_on
 
-POINTS = (21, 31, 45, 61, 81)  # tried in turn where the number is left open
-ITERATIONS = {"gauss-newton": 60, "levenberg-marquardt": 500, "ipopt": 200, "paper": 500}  # the tail of (26) is long
 START_SOLVER = "gauss-newton"  # of the collocation, where the first shape and the certificate come from
-FAR = 0.05  # in L; a collocation solve that ends further away found another shape
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,8 @@ class Quadrature:
 
 def solve_by_quadrature(case: Case, start: Rod, options: Quadrature) -> QuadratureSolve:
     """Solve ``case`` by the paper's equations from the shape ``start``, whose signs its quaternions have."""
-    for count in (options.points,) if options.points is not None else POINTS:
+    points_tried = (21, 31, 45, 61, 81)  # tried in turn where the number is left open
+    for count in (options.points,) if options.points is not None else points_tried:
         answer = _solve(case, start, count, options)
         if answer.status.ok:
             break
@@ -81,11 +79,13 @@ def solve_by_quadrature(case: Case, start: Rod, options: Quadrature) -> Quadratu
 
 
 def _solve(case: Case, start: Rod, points: int, options: Quadrature) -> QuadratureSolve:
+    # the tail of (26) is long
+    most_iterations = {"gauss-newton": 60, "levenberg-marquardt": 500, "ipopt": 200, "paper": 500}
     method = Dqm(case, points, options.closure)
     nodes = method.rule.nodes
     at = start.sample(nodes)
-    limits = Options(iterations=ITERATIONS[options.solver], stationary=True)
-    solution = SOLVERS[options.solver](method.least_squares(), method.pack(at.q, at.force), limits)
+    limits = Options(iterations=most_iterations[options.solver], stationary=True)
+    solution = SOLVER_OF[options.solver](method.least_squares(), method.pack(at.q, at.force), limits)
     q, moment, force = method.states(solution.x, nodes)
     rod = Rod(case.section, case.load, nodes, q, method.centreline(solution.x, nodes), force, moment)
     status, error = solution.status, np.inf
@@ -97,10 +97,11 @@ def _solve(case: Case, start: Rod, points: int, options: Quadrature) -> Quadratu
 
 def _distance(case: Case, rod: Rod, tolerance: float) -> float:
     """Return how far ``rod`` is from the collocation's shape next to it, in L; infinite where there is none."""
+    most_apart = 0.05  # in L; a collocation solve that ends further away found another shape
     mesh = np.linspace(0.0, 1.0, 2 * ELEMENTS[0] + 1)
     solved = solve_on(case, mesh, resample(rod, mesh), START_SOLVER)
     if not solved.ok or solved.turned:
         return np.inf
     solved, _, status = refine(solved, 0.1 * tolerance, START_SOLVER)
     distance = float(np.max(np.linalg.norm(solved.rod.sample(rod.mesh).r - rod.r, axis=-1)))
-    return distance if status.ok and distance < FAR else np.inf
+    return distance if status.ok and distance < most_apart else np.inf

@@ -20,20 +20,15 @@ from harness_opt.rod.boundary import CLAMPED, Case
 from harness_opt.rod.collocation import BoundCollocation, collocation, pack, stations
 from harness_opt.rod.states import Defects, Rod
 
-SOLVERS: dict[str, Solver] = {
+SOLVER_OF: dict[str, Solver] = {  # by name, one for each of model.methods.SOLVERS
     "gauss-newton": gauss_newton.solve,
     "levenberg-marquardt": levenberg_marquardt.solve,
     "ipopt": ipopt.solve,
     "paper": paper.solve,
 }
-SAFEGUARDED = "gauss-newton"  # the solver that a walk along a valley comes after
-SHARP = 1e-3  # part of the residual asked for that counts as solved along a valley: what is left goes far there
-FLOOR = 1e-2  # residual of the scaled equations that is left on the floor of a valley at most
-ALMOST = 1e3  # times the residual asked for: left by what has come down to that floor, and not strayed
+NEAR_NULL_AFTER = "gauss-newton"  # the solver after which the near-null direction is followed
 STAGES = 5  # Gauss points an element: order 10 at the nodes
 RESIDUAL = 1e-11  # of the scaled equations
-ROUNDING = 1e-15  # relative: of a force along an element, which should not turn it, a few units in the last place do
-TURNED = 1e-2  # L a rad: what an error of the frames counts
 
 
 @dataclass(frozen=True)
@@ -61,12 +56,17 @@ class Solved:
     @functools.cached_property
     def rod(self) -> Rod:
         """The states at the nodes."""
-        return _rod(self.case, self.bound, self.solution.x)
+        return self.bound.rod(self.solution.x)
 
     @functools.cached_property
     def factor(self) -> Factor:
         """The factorised Jacobian at the solution."""
         return factorise(self.bound.linearise(self.solution.x)[1])
+
+    def kept_factors(self) -> list[Factor]:
+        """Return the factorised Jacobians that this keeps in memory: the solver's last, and that of :attr:`factor`."""
+        found = (self.solution.factor, vars(self).get("factor"))
+        return [factor for factor in found if factor is not None]
 
     @functools.cached_property
     def estimate(self) -> tuple[float, Array]:
@@ -110,8 +110,8 @@ def solve_on(
 ) -> Solved:
     """Solve ``case`` on ``mesh`` (n + 1,) from the unknowns ``x`` of that mesh; the status says how it ended.
 
-    Where Gauss-Newton comes down to the floor of a valley, and not quite to the solution, it is walked along
-    (:mod:`.solvers.valley`).
+    Where Gauss-Newton comes to the near-null curve, and not quite to the solution, that curve is followed
+    (:mod:`harness_opt.numerics.near_null`).
 
     Args:
         case, mesh, x: as above.
@@ -120,41 +120,42 @@ def solve_on(
         near: solve of a like case nearby, whose factorised Jacobian may serve.
         residual: largest entry of the scaled equations that counts as solved.
     """
+    # relative: of a force along an element, which should not turn it, a few units in the last place do
+    force_rounding = 1e-15
+    nearly_solved = 1e3  # times the residual asked for: left by what has come to that curve, and not strayed
+    most_on_curve = 1e-2  # residual of the scaled equations that is left on the near-null curve at most
+    # part of the residual asked for, that counts as solved along a near-null direction: the rest goes far
+    sharp_share = 1e-3
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
     # rounding grows with the loads that the moment equations carry, and turns long soft elements
     scale = _load_scale(case.load, x[-3:])
-    turned = ROUNDING * scale * float((mesh[1:] - mesh[:-1]).max()) ** 2 / float(case.section.stiffness.min())
+    turned = force_rounding * scale * float((mesh[1:] - mesh[:-1]).max()) ** 2 / float(case.section.stiffness.min())
     tolerance = residual * math.sqrt(scale) + turned
     factor = near.lasting if near is not None and near.solution.x.shape == x.shape else None
     problem, options = bound.least_squares(), Options(tolerance, iterations, factor=factor)
-    solution = SOLVERS[solver](problem, x, options)
+    solution = SOLVER_OF[solver](problem, x, options)
     factor = solution.factor
     flat = factor is None or (not factor.singular and factor.condition > CONDITION_LIMIT)
-    sharp = dataclasses.replace(options, tolerance=SHARP * residual * math.sqrt(scale) + turned)
+    sharp = dataclasses.replace(options, tolerance=sharp_share * residual * math.sqrt(scale) + turned)
     loose = solution.residual > (sharp.tolerance if flat else tolerance)
-    if solver == SAFEGUARDED and loose and solution.residual <= FLOOR * math.sqrt(scale):
-        energy = (lambda x: _energy(case, bound, x)) if case.boundary.kind == CLAMPED else None
+    if solver == NEAR_NULL_AFTER and loose and solution.residual <= most_on_curve * math.sqrt(scale):
+        energy = (lambda x: _energy(bound, x)) if case.boundary.kind == CLAMPED else None
         steps = near_null.STEPS if near is None else near_null.FEW
-        # where it did not converge, it may have strayed far, or be on the floor already
+        # where it did not converge, it may have strayed far, or be on the curve already
         starts = [solution.x] if solution.status.ok else [x]
-        if near is None and tolerance < solution.residual <= ALMOST * tolerance:
+        if near is None and tolerance < solution.residual <= nearly_solved * tolerance:
             starts.append(solution.x)
         for begun in starts:
-            walked = near_null.solve(problem, begun, sharp, energy, steps=steps)
-            if walked.residual <= min(tolerance, solution.residual):
-                solution = dataclasses.replace(walked, status=Status.OK)
+            followed = near_null.solve(problem, begun, sharp, energy, steps=steps)
+            if followed.residual <= min(tolerance, solution.residual):
+                solution = dataclasses.replace(followed, status=Status.OK)
                 break
     return Solved(case, bound, solution)
 
 
-def _energy(case: Case, bound: BoundCollocation, x: Array) -> float:
+def _energy(bound: BoundCollocation, x: Array) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
-        return float(_rod(case, bound, x).energy())
-
-
-def _rod(case: Case, bound: BoundCollocation, x: Array) -> Rod:
-    states = bound.unpack(x)
-    return Rod(case.section, case.load, states.mesh, states.q, states.r, states.force, states.moment)
+        return float(bound.rod(x).energy())
 
 
 def resample(rod: Rod, mesh: Array) -> Array:
@@ -178,10 +179,13 @@ def error_estimate(solved: Solved) -> tuple[float, Array]:
 
 def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     """Return what :func:`error_estimate` does, from the shape's defects already at hand."""
+    turning_weight = 1e-2  # L a rad: what an error of the frames counts
     dq, dm, dr, turning, apart, behind = defects
     mesh = solved.bound.mesh
     n, s = len(mesh) - 1, STAGES
-    local = apart + np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), TURNED) * np.linalg.norm(dq, axis=-1)
+    local = (
+        apart + np.linalg.norm(dr, axis=-1) + np.maximum(np.diff(mesh), turning_weight) * np.linalg.norm(dq, axis=-1)
+    )
     local = np.where(np.isfinite(local), local, np.inf)
     if not (np.all(np.isfinite(dm)) and np.max(local) < 1.0):
         return np.inf, local
@@ -209,6 +213,6 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     moved = solved.bound.node_rates(x, dx)
     # the centreline's own local errors add to those that come from the frames
     moved[1:, :, 0] += np.cumsum(dr, axis=0)
-    turned = TURNED * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
+    turned = turning_weight * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
     # nodes, and what is sampled between them, are off by different things
     return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum() + apart.max()), turned), local

@@ -1,9 +1,8 @@
 """A length-true curve with section frames between two ends: where the search for a first shape begins.
 
-A cubic Hermite curve through the ends, bowed sideways until it has the cable's length, with rotation-minimising
-frames (double
-reflection: Wang, Juettler, Zheng and Liu, ACM Trans. Graph. 27, 2008) and the left-over twist, plus whole turns,
-spread evenly along it.
+A cubic Hermite curve through the ends, bowed sideways until it has the cable's length, with rotation-minimising frames
+(double reflection: Wang, Juettler, Zheng and Liu, ACM Trans. Graph. 27, 2008) and the left-over twist, plus whole
+turns, spread evenly along it.
 """
 
 from __future__ import annotations
@@ -16,12 +15,8 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Boundary, Case
 
-FINE = 241  # points for measuring the length of the curve
-LEAST = 1e-15  # length below which a vector has no direction
-ROUNDS = 60  # of Newton's method: where slack is lost, each only halves what is left
-LEAST_PULL = 0.1  # end slope of the cubic that still holds the tangents at the ends
-EASED, SLACKER = 0.1, 0.3  # of the length, and of the slack: what a sharp bend is spread over, the lesser
-DIRECT = 0.75  # end distance taken for a cable whose gap is not given, in lengths
+LENGTH_POINTS = 241  # points for measuring the length of the curve
+NO_LENGTH = 1e-15  # length below which a vector has no direction
 
 
 def _hermite(gap: Array, t0: Array, t1: Array, pull: float, u: Array) -> Array:
@@ -52,15 +47,16 @@ def _of_unit_length(base: Array, extra: Array, most: float) -> float:
     The length is convex in a, at most 1 without ``extra`` and more with ``most`` of it; so Newton's method comes down
     to it from there without a safeguard.
     """
+    most_steps = 60  # of Newton's method: where slack is lost, each only halves what is left
     edges, changes = np.diff(base, axis=0), np.diff(extra, axis=0)
     a = most
-    for _ in range(ROUNDS):
+    for _ in range(most_steps):
         there = edges + a * changes
         lengths = np.linalg.norm(there, axis=1)
-        slope = float(np.sum(np.sum(there * changes, axis=1) / np.maximum(lengths, LEAST)))
+        slope = float(np.sum(np.sum(there * changes, axis=1) / np.maximum(lengths, NO_LENGTH)))
         step = (float(np.sum(lengths)) - 1.0) / slope if slope > 0.0 else 0.0
         a -= step
-        if step <= LEAST * most:
+        if step <= NO_LENGTH * most:
             break
     return max(a, 0.0)
 
@@ -70,18 +66,19 @@ def _pull(gap: Array, t0: Array, t1: Array) -> float:
 
     A cubic that runs backwards and is bowed sideways closes to a loop, a whole turn away from the open arch.
     """
+    least_pull = 0.1  # end slope of the cubic that still holds the tangents at the ends
     forward = t0 + t1
     size = float(np.linalg.norm(forward))
     ahead = float(gap @ forward) / size if size > 1e-9 else 0.0
     if ahead <= 0.0:
         return 1.0
     # slope in the middle: 3/2 gap - pull (t0 + t1) / 4
-    return min(1.0, max(LEAST_PULL, 6.0 * ahead / size))
+    return min(1.0, max(least_pull, 6.0 * ahead / size))
 
 
 def _unit_length_points(gap: Array, t0: Array, t1: Array, wish: Array) -> Array:
-    """Return points (FINE, 3) of a curve of length 1 from 0 to ``gap`` that starts along t0 and ends along t1."""
-    u = np.linspace(0.0, 1.0, FINE)
+    """Return points (m, 3) of a curve of length 1 from 0 to ``gap`` that starts along t0 and ends along t1."""
+    u = np.linspace(0.0, 1.0, LENGTH_POINTS)
 
     most, straight = _pull(gap, t0, t1), _hermite(gap, t0, t1, 0.0, u)
     plain = _hermite(gap, t0, t1, most, u)
@@ -111,7 +108,7 @@ def rotation_minimising(points: Array, tangents: Array, first: Array) -> Array:
     # two reflections one after the other are one turn: w (v x v) w = (w v) x (w v)*
     turns = rotations.multiply(_pure(tangents[1:] - left), _pure(v))
     size = np.linalg.norm(turns, axis=1)
-    lost = size < LEAST  # points that coincide, or a tangent that turns back
+    lost = size < NO_LENGTH  # points that coincide, or a tangent that turns back
     if np.any(lost):
         turns[lost], size[lost] = rotations.shortest_arc(tangents[:-1][lost], tangents[1:][lost]), 1.0
     turns *= np.where(turns[:, :1] < 0.0, -1.0, 1.0) / size[:, None]  # of both quaternions the one nearer to no turn
@@ -125,8 +122,9 @@ def _pure(v: Array) -> Array:
 
 def _reflected(t: Array, v: Array) -> Array:
     """Return vectors ``t`` (m, 3) reflected in planes across ``v`` (m, 3)."""
-    square = np.maximum(np.sum(v * v, axis=1, keepdims=True), LEAST**2)
-    return t - 2.0 / square * np.sum(v * t, axis=1, keepdims=True) * v
+    square = np.maximum(np.sum(v * v, axis=1, keepdims=True), NO_LENGTH**2)
+    reflected: Array = t - 2.0 / square * np.sum(v * t, axis=1, keepdims=True) * v
+    return reflected
 
 
 def _run(turns: Array) -> Array:
@@ -141,8 +139,9 @@ def _run(turns: Array) -> Array:
 def _eased(frames: Array, width: float) -> Array:
     """Return ``frames`` (m, 4), evenly spaced, with their bends spread over ``width`` of the length, at least.
 
-    A cubic may bend as sharply as it likes, and a cable let go from a kink asks for many small elements. The ends stay:
-    a frame there is the mean of those before it, which are taken as far to one side as those behind are to the other.
+    A cubic may bend as sharply as it likes, and energy minimisation from a kink asks for many small elements. The ends
+    stay: a frame there is the mean of those before it, which are taken as far to one side as those behind are to the
+    other.
     """
     reach = round(0.5 * width * (len(frames) - 1))
     if reach == 0:
@@ -155,6 +154,7 @@ def _eased(frames: Array, width: float) -> Array:
 
 def _chord_and_tangents(boundary: Boundary, wish: Array) -> tuple[Array, Array, Array]:
     """Return the vector between the ends and the tangents there, with something sensible for what is not given."""
+    assumed_distance = 0.75  # end distance taken for a cable whose gap is not given, in lengths
     kind, ahead = boundary.kind, np.array([0.0, 0.0, 1.0])
     t0 = rotations.rotate(boundary.start_quaternion, ahead) if kind.start_orientation else None
     t1 = rotations.rotate(boundary.end_quaternion, ahead) if kind.end_orientation else None
@@ -162,7 +162,9 @@ def _chord_and_tangents(boundary: Boundary, wish: Array) -> tuple[Array, Array, 
         gap = boundary.gap
     elif t0 is not None and t1 is not None and t0 @ t1 < 1.0 - 1e-9:
         mean = t0 + t1
-        gap = DIRECT * rotations.normalise(mean if np.linalg.norm(mean) > 1e-6 else _sideways(mean, t0, t1, wish))
+        gap = assumed_distance * rotations.normalise(
+            mean if np.linalg.norm(mean) > 1e-6 else _sideways(mean, t0, t1, wish)
+        )
     else:
         gap = next((t for t in (t0, t1) if t is not None), ahead)
     toward = rotations.normalise(gap) if np.linalg.norm(gap) > 1e-9 else ahead
@@ -174,7 +176,8 @@ def _first_frame(boundary: Boundary, points: Array, tangents: Array) -> Array:
     if boundary.kind.start_orientation:
         return boundary.start_quaternion
     if boundary.kind.end_orientation:
-        return rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)[-1]
+        first: Array = rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)[-1]
+        return first
     return rotations.from_tangent(tangents[0])
 
 
@@ -187,6 +190,8 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
         turns: whole turns added to the smallest twist, at most half a turn, that joins the ends.
         bow: direction to which the curve is bowed where its length leaves the choice; None takes the curve's own plane.
     """
+    # of the length, and of the slack: what a sharp bend is spread over, the lesser
+    eased_length, eased_slack = 0.1, 0.3
     wish = np.zeros(3) if bow is None else np.asarray(bow, dtype=float)
     gap, t0, t1 = _chord_and_tangents(boundary, wish)
     s = np.linspace(0.0, 1.0, nodes)
@@ -197,7 +202,7 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
         tangents = rotations.normalise(np.gradient(points, s, axis=0))
         tangents[0], tangents[-1] = t0, t1
     frames = rotation_minimising(points, tangents, _first_frame(boundary, points, tangents))
-    width = min(EASED, SLACKER * (1.0 - float(np.linalg.norm(points[-1] - points[0]))))
+    width = min(eased_length, eased_slack * (1.0 - float(np.linalg.norm(points[-1] - points[0]))))
     frames = _eased(_eased(frames, width), width)
     if not boundary.kind.end_orientation or not boundary.kind.start_orientation:
         return points, frames
@@ -210,22 +215,22 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
     return points, rotations.multiply(frames, rotations.from_rotation_vector(spread))
 
 
-CURVE = 241  # places at which a starting curve is looked at
-EASY = 0.1  # slack, in L, with which a taut cable is begun
+EASY_SLACK = 0.1  # slack, in L, with which a taut cable is begun
 
 
 def loose(boundary: Boundary) -> Boundary:
-    """Return ``boundary`` with a gap that leaves EASY for a slack, where it leaves less."""
+    """Return ``boundary`` with a gap that leaves EASY_SLACK for a slack, where it leaves less."""
     kind, distance = boundary.kind, float(np.linalg.norm(boundary.gap))
-    if not (kind.start_position and kind.end_position and 1.0 - distance < EASY):
+    if not (kind.start_position and kind.end_position and 1.0 - distance < EASY_SLACK):
         return boundary
-    return dataclasses.replace(boundary, gap=(1.0 - EASY) / distance * boundary.gap)
+    return dataclasses.replace(boundary, gap=(1.0 - EASY_SLACK) / distance * boundary.gap)
 
 
 def curve(case: Case, boundary: Boundary, turns: int, bow: Array | None) -> tuple[Case, Array, Array]:
     """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these."""
-    _, q = starting_curve(boundary, CURVE, turns, bow)
-    return dataclasses.replace(case, boundary=signed(boundary, q)), np.linspace(0.0, 1.0, CURVE), q
+    curve_points = 241  # places at which a starting curve is sampled
+    _, q = starting_curve(boundary, curve_points, turns, bow)
+    return dataclasses.replace(case, boundary=signed(boundary, q)), np.linspace(0.0, 1.0, curve_points), q
 
 
 def signed(boundary: Boundary, q: Array) -> Boundary:

@@ -40,7 +40,7 @@ class Carrier(WorkerPlugin):
         self._files = dict(files)
 
     def setup(self, worker: Any) -> None:
-        """Write the files where :class:`~harness_opt.studies.shared_problem.Workbench` looks for them."""
+        """Write the files where :class:`~harness_opt.studies.shared_problem.LocalProblem` looks for them."""
         from threadpoolctl import threadpool_limits
 
         threadpool_limits(1)

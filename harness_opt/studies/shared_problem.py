@@ -138,7 +138,7 @@ def carried_root(study: str) -> Path:
     return above / study
 
 
-class Workbench:
+class LocalProblem:
     """The problem of a study as it stands on this machine, and its parts.
 
     Args:
@@ -215,6 +215,6 @@ def _loaded(problem: Problem, name: str, part: Part) -> Geometry:
 
 
 @functools.lru_cache(maxsize=1)
-def workbench(shared: Shared) -> Workbench:
-    """Return the workbench of a study, set up when its first variant comes."""
-    return Workbench(shared)
+def local_problem(shared: Shared) -> LocalProblem:
+    """Return the problem of a study on this machine, set up when its first variant comes."""
+    return LocalProblem(shared)

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from harness_opt.errors import ProblemError
 from harness_opt.files.places import Places
 from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
-from harness_opt.files.schema import structured
+from harness_opt.files.schema import schema_of, structured
 from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
 from harness_opt.files.values import Expected, Number, Table, Text, Whole, dotted, one_of, only_integer, shown
 from harness_opt.model.tolerances import Tolerance
@@ -133,6 +133,11 @@ def _crowd(tables: StudyTable) -> Iterator[str]:
         yield f"vary: found a grid of {count:,} variants, expected at most {MOST_VARIANTS:,}"
 
 
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of study files."""
+    return schema_of(StudyTable, "Study file of harness-opt")
+
+
 def _spread(given: SpreadTable) -> Tolerance | list[Any]:
     """Return the values or the distribution that a table describes.
 
@@ -160,4 +165,5 @@ def _range(content: Mapping[str, Any]) -> list[float]:
     """Return the values of a grid, the ends included."""
     if not 1 < content["count"] <= COUNT_MOST:
         raise ProblemError(f"count: found {content['count']}, expected at least 2, at most {COUNT_MOST:,}")
-    return np.linspace(content["from"], content["to"], content["count"]).tolist()
+    found: list[float] = np.linspace(content["from"], content["to"], content["count"]).tolist()
+    return found

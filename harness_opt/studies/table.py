@@ -15,7 +15,9 @@ import numpy as np
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.whole_folder import write_whole
-from harness_opt.report.words import UNITS, percent
+from harness_opt.model.limits import kind_of
+from harness_opt.report.text_table import laid_out
+from harness_opt.report.words import percent
 from harness_opt.studies.variant import STATUSES, VariantResult
 
 CSV, PARQUET = "variants.csv", "variants.parquet"
@@ -166,16 +168,7 @@ def report(title: str, content: Mapping[str, Any]) -> str:
     lines = [f"{title}: {_counted(content)}", ""]
     if content["limits"]:
         head = ("limit", "held", "smallest", "10 % below", "median", "", "worst variant")
-        rows = [head, *(_cells(row) for row in content["limits"])]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-        lines += [
-            " ".join(
-                cell.ljust(width) if i in (0, 5) else cell.rjust(width)
-                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
-            for row in rows
-        ]
-        lines.append("")
+        lines += [*laid_out([head, *(_cells(row) for row in content["limits"])], left=(0, 5)), ""]
     if content["snapping"]:
         lines.append(f"In {content['snapping']} variants a cable snaps to another shape.")
     for row in content["reasons"][:REASONS_SHOWN]:
@@ -195,6 +188,6 @@ def _counted(content: Mapping[str, Any]) -> str:
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    unit, factor, _ = UNITS[row["name"].partition(".")[0]]
-    margins = [f"{factor * row[key]:+.3g}" for key in ("smallest", "tenth", "median")]
-    return (row["name"], percent(row["held"]), *margins, unit, str(row["variant"]))
+    unit = kind_of(row["name"]).unit
+    margins = [f"{unit.factor * row[key]:+.3g}" for key in ("smallest", "tenth", "median")]
+    return (row["name"], percent(row["held"]), *margins, unit.name, str(row["variant"]))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from harness_opt.report.colours import LESS, MORE
 from harness_opt.studies.ranking import Effect
 
 MOST_BARS = 14
 INCHES_WIDE, INCHES_A_BAR, INCHES_AROUND = 8.0, 0.32, 1.4
 DOTS = 130  # an inch
-LESS, MORE = "#c0504d", "#4f81bd"  # a quantity below and above its nominal value
 
 
 def draw(file: Path, effects: Sequence[Effect], title: str, unit: str) -> None:

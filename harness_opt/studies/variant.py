@@ -17,13 +17,11 @@ from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import clearances
 from harness_opt.design.redesign import redesign
 from harness_opt.errors import CompilerError, ProblemError
-from harness_opt.model.problem import Problem
-from harness_opt.model.results import LimitResult
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics.machine_code import compiled, wanted
 from harness_opt.numerics.threads import one_at_a_time
-from harness_opt.report.summary import FILE_WORDS, verdict
-from harness_opt.studies.shared_problem import Shared, version, workbench
+from harness_opt.report.summary import verdict
+from harness_opt.studies.shared_problem import Shared, local_problem, version
 
 REFUSED = "refused"  # the values make no problem: a cable too short for its clamps, say
 FAILED = "failed"  # something broke that should not have
@@ -119,37 +117,29 @@ def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> Va
     Raises:
         ProblemError: the values make no problem.
     """
-    bench = workbench(shared)
-    problem = bench.problem(values)
+    local = local_problem(shared)
+    problem = local.problem(values)
     if shared.command == "redesign":
         result: Any = redesign(problem, throw=False)
         motion, rows = result.motion, result.limits
         after = {name: variable.after for name, variable in result.variables.items()}
     else:
         result = motion = simulate(problem, throw=False)
-        rows, after = all_limits(problem, motion, clearances(motion, bench.scene(problem))), {}
-    worst = min(rows, key=lambda row: row.margin / scale(row, problem), default=None)
+        rows, after = all_limits(problem, motion, clearances(motion, local.scene(problem))), {}
+    shares = {row.id: row.margin / row.scale(problem.cables[row.cable].cable.radius) for row in rows}
+    worst = min(shares, key=shares.__getitem__, default=None)
     return VariantResult(
-        number, key, values, verdict(result, rows), result.message, len(motion.motion), len(motion.snaps),
-        bool(motion.cables) and all(bool(cable.stable.all()) for cable in motion.cables.values()),
-        label(worst) if worst else None,
-        worst.margin / scale(worst, problem) if worst else None,
-        {label(row): in_file_units(row, row.margin) for row in rows},
-        {label(row): in_file_units(row, row.worst) for row in rows}, after,
-    )  # fmt: skip
-
-
-def label(row: LimitResult) -> str:
-    """Return the name of a limit in tables, in the file's words: "clearance.lead.bracket", "bend_radius.lead"."""
-    name = FILE_WORDS.get(row.name, (row.name, 1.0))[0]
-    return ".".join((name, row.cable, row.part) if row.part else (name, row.cable))
-
-
-def in_file_units(row: LimitResult, value: float) -> float:
-    """Return a value of a limit in the unit that the problem's file has for it."""
-    return FILE_WORDS.get(row.name, (row.name, 1.0))[1] * value
-
-
-def scale(row: LimitResult, problem: Problem) -> float:
-    """Return what a margin is divided by to be comparable: the limit, and for a clearance the cable's radius too."""
-    return row.limit + problem.cables[row.cable].cable.radius if row.name == "clearance" else row.limit
+        number=number,
+        key=key,
+        values=values,
+        status=verdict(result, rows),
+        reason=result.message,
+        frames=len(motion.motion),
+        snaps=len(motion.snaps),
+        stable=bool(motion.cables) and all(bool(cable.stable.all()) for cable in motion.cables.values()),
+        worst_limit=None if worst is None else str(worst),
+        worst_margin=None if worst is None else shares[worst],
+        margins={str(row.id): row.id.kind.from_si * row.margin for row in rows},
+        worst={str(row.id): row.id.kind.from_si * row.worst for row in rows},
+        after=after,
+    )

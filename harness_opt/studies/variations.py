@@ -129,7 +129,8 @@ def _points(variations: Variations) -> Array:
         return np.random.default_rng(variations.seed).random((variations.samples, count))
     from scipy.stats import qmc
 
-    return qmc.LatinHypercube(count, rng=variations.seed).random(variations.samples)
+    found: Array = qmc.LatinHypercube(count, rng=variations.seed).random(variations.samples)
+    return found
 
 
 def sampled(quantity: Quantity, spread: Tolerance | Sequence[Any], points: Array) -> list[Any]:

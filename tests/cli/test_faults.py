@@ -9,11 +9,11 @@ from pathlib import Path
 
 import click
 import pytest
-from flap_file import FLAP, PLAIN, environment, put
 
 from harness_opt.cli import ending
 from harness_opt.cli.commands import commands, main
 from harness_opt.errors import HarnessError, SolveError, Status
+from oracles.flap import FLAP, PLAIN, environment, put
 
 REPORT = "please report it, with the files and what the same command says with --debug"
 

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from flap_file import FLAP, HIT, PLAIN, environment, put
 
 from harness_opt.files.stored_results import read_results
+from oracles.flap import FLAP, HIT, PLAIN, environment, put
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
 

@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
-from flap_file import FLAP, PLAIN, put
 
 from harness_opt.cli import main
 from harness_opt.files.whole_folder import filling, held, write_whole
+from oracles.flap import FLAP, PLAIN, put
 
 GONE = "4194305"  # no process has this number
 

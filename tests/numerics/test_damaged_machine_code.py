@@ -12,12 +12,12 @@ from pathlib import Path
 import casadi as ca
 import platformdirs
 import pytest
-from flap_file import FLAP, put
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
 from harness_opt.files.stored_results import read_results
 from harness_opt.numerics import machine_code
+from oracles.flap import FLAP, put
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="compilers are found another way there")
 REAL = machine_code.shutil.which("cc")

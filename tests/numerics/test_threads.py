@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flap_file import FLAP, put
 
 import harness_opt as ho
+from oracles.flap import FLAP, put
 
 THREADS = 4
 
@@ -45,10 +45,7 @@ def same(one: Any, other: Any) -> bool:
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("position", "quaternion", "force"))
 
 
-LONG = pytest.mark.skipif("HARNESS_LONG" not in os.environ, reason="a minute: set HARNESS_LONG")
-
-
-@pytest.mark.parametrize("count", [40, pytest.param(1000, marks=LONG)])
+@pytest.mark.parametrize("count", [40, pytest.param(1000, marks=pytest.mark.slow)])
 def test_equilibria_of_several_threads_are_those_of_one(count):
     one = [pose(number) for number in range(count)]
     many = together(pose, range(count), THREADS if count < 1000 else 8)

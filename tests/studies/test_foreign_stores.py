@@ -9,8 +9,6 @@ import time
 from pathlib import Path
 
 import pytest
-from flap_file import FLAP, put
-from study_examples import Here
 
 from harness_opt import study
 from harness_opt.cli.commands import main
@@ -18,6 +16,8 @@ from harness_opt.errors import ProblemError
 from harness_opt.studies import store as stores
 from harness_opt.studies.store import APPLICATION, LAYOUT, TABLES, Store
 from harness_opt.studies.study import plan
+from oracles.flap import FLAP, put
+from oracles.studies import Here
 
 VALUES = {"cables.lead.length": 0.31}
 HEAD = f"PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {LAYOUT};"

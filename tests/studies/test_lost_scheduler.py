@@ -14,12 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from flap_file import FLAP, environment, put, run
-from study_examples import STUDY, placed, started
 
 from harness_opt.errors import ProblemError
 from harness_opt.studies.shared_problem import Workbench, carried_root
 from harness_opt.studies.study import plan
+from oracles.flap import FLAP, environment, put, run
+from oracles.studies import STUDY, placed, started
 
 SECONDS = 60.0  # within which all of it is told, Python and Dask started on a busy machine
 

@@ -84,7 +84,7 @@ function draw(printing = false) {
   };
   drawKey(options.mode);
   const drawn = stage.draw(state.moment, shown, options, theme(printing));
-  one("#labels").replaceChildren(...drawn.flatMap(({ act, witness }, column) => {
+  one("#labels").replaceChildren(...drawn.flatMap(({ sceneView, witness }, column) => {
     const labels = [];
     const put = (words, kind, x, y) => {
       const label = document.createElement("span");
@@ -94,7 +94,7 @@ function draw(printing = false) {
       label.style.top = `${100 * y}%`;
       labels.push(label);
     };
-    if (act.scene.title) put(act.scene.title, "title", column / shown.length, 0);
+    if (sceneView.scene.title) put(sceneView.scene.title, "title", column / shown.length, 0);
     const side = witness && witness.at[0] * shown.length - column > 0.7 ? " left" : "";
     if (witness) put(witness.words, `witness${side}${witness.broken ? " broken" : ""}`, ...witness.at);
     return labels;
@@ -117,8 +117,8 @@ function go(moment) {
 }
 
 function step(by) {
-  const act = state.stage?.acts.at(-1), at = act ? act.scene.motion : data.motion;
-  const frame = act ? act.nearestFrame(state.moment) : solvedFrame();
+  const sceneView = state.stage?.sceneViews.at(-1), at = sceneView ? sceneView.scene.motion : data.motion;
+  const frame = sceneView ? sceneView.nearestFrame(state.moment) : solvedFrame();
   go(at[Math.max(0, Math.min(at.length - 1, frame + by))]);
 }
 

@@ -1,9 +1,6 @@
 // The scene: parts, cables, ghosts, clamp frames and closest points of one or two motions, at a moment of them.
 
 const SIDES = 18;
-const STATES = [null, "#f28e1c", "#e0141e"]; // of a point: limits hold, one is broken, it touches
-const AXES = ["#d62728", "#2ca02c", "#1f5fd0"]; // d1, d2, d3
-const SLEEVE = "#4a525b";
 
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
 
@@ -14,7 +11,7 @@ function ramp(stops, t) {
 }
 
 /** One motion on the stage: its numbers decoded, and the buffers of its cables. */
-class Act {
+class SceneView {
   constructor(renderer, scene, colours) {
     Object.assign(this, { renderer, scene, frame: -1, mode: null });
     this.bodies = {};
@@ -85,7 +82,7 @@ class Act {
     }
     if (!best) return this.extreme("bend");
     const { pair, clearance } = best, points = pair.points.subarray(6 * this.frame, 6 * this.frame + 6);
-    const other = pair.obstacle === `cable:${pair.cable}` ? "itself" : pair.obstacle.replace(/^cable:/, "");
+    const other = pair.other;
     const size = `${(1000 * Math.abs(clearance)).toFixed(1)} mm`;
     return {
       from: [...points.subarray(0, 3)],
@@ -124,8 +121,8 @@ class Stage {
       const made = solid(vertices, decode(part.faces, Uint32Array));
       return { ...part, mesh: this.renderer.mesh(made), edges: this.renderer.mesh({ positions: made.edges }) };
     });
-    this.acts = data.scenes.map((scene) => new Act(this.renderer, scene, scene.colours));
-    this.frameArrows = AXES.map((_, k) => {
+    this.sceneViews = data.scenes.map((scene) => new SceneView(this.renderer, scene, scene.colours));
+    this.frameArrows = this.data.palette.axes.map((_, k) => {
       const tip = [0, 0, 0].map((_, j) => (j === k ? 1 : 0));
       return this.renderer.mesh(tube(new Float32Array([0, 0, 0, ...tip]), 0.05, 10));
     });
@@ -133,17 +130,17 @@ class Stage {
     this.pointer = this.renderer.mesh({ positions: new Float32Array(3) });
   }
 
-  /** Draw the acts numbered in `shown` side by side, and return where their labels go, 0 to 1 of the canvas. */
+  /** Draw the scene views numbered in `shown` side by side, and return where their labels go, 0 to 1 of the canvas. */
   draw(moment, shown, options, theme) {
     const canvas = this.renderer.canvas, width = Math.floor(canvas.width / shown.length);
     return shown.map((number, column) => {
-      const act = this.acts[number];
-      act.set(act.nearestFrame(moment), options.mode, (cable, k) => this.colour(cable, k, options.mode));
+      const sceneView = this.sceneViews[number];
+      sceneView.set(sceneView.nearestFrame(moment), options.mode, (cable, k) => this.colour(cable, k, options.mode));
       const seen = this.renderer.begin([column * width, 0, width, canvas.height], this.camera, theme.paper);
-      this.drawParts(act, options, theme);
-      this.drawCables(act, options);
-      if (options.ghosts) this.drawGhosts(act, theme);
-      return { act, ...this.drawWitness(act, seen, options, theme, column, shown.length) };
+      this.drawParts(sceneView, options, theme);
+      this.drawCables(sceneView, options);
+      if (options.ghosts) this.drawGhosts(sceneView, theme);
+      return { sceneView, ...this.drawWitness(sceneView, seen, options, theme, column, shown.length) };
     });
   }
 
@@ -152,16 +149,16 @@ class Stage {
     if (mode === "bend") return ramp(stops, cable.curvature[k] / scales.bend.most);
     if (mode === "twist") return ramp(stops, cable.twist[k] / scales.twist.most);
     if (mode === "clearance") return ramp(stops, 1 - cable.clearance[k] / scales.clearance.most);
-    const state = STATES[cable.state[k]];
+    const state = this.data.palette.states[cable.state[k]];
     return state ? rgb(state) : cable.colour;
   }
 
-  drawParts(act, options, theme) {
-    const touched = new Set(act.nearest.filter((pair) => pair.clearance[act.frame] < 0).map((pair) => pair.obstacle));
+  drawParts(sceneView, options, theme) {
+    const touched = new Set(sceneView.nearest.filter((pair) => pair.clearance[sceneView.frame] < 0).map((pair) => pair.part));
     if (options.parts === "none") return;
     const clear = (part) => options.parts === "glass" || touched.has(part.name);
     for (const part of [...this.parts].sort((a, b) => clear(a) - clear(b))) {
-      const model = act.pose(part.body, act.frame), glass = clear(part);
+      const model = sceneView.pose(part.body, sceneView.frame), glass = clear(part);
       const colour = touched.has(part.name) ? theme.hit : part.moves ? theme.moving : theme.still;
       part.pending = { model, colour, glass };
       if (!glass) this.renderer.draw(part.mesh, { model, colour });
@@ -169,16 +166,16 @@ class Stage {
     }
   }
 
-  drawCables(act, options) {
-    for (const cable of act.cables) {
+  drawCables(sceneView, options) {
+    for (const cable of sceneView.cables) {
       this.renderer.draw(cable.mesh, { shine: 0.3 });
       for (const end of [0, 1]) {
-        const model = act.clamp(cable, end, act.frame), size = cable.radius * (end ? -1 : 1);
+        const model = sceneView.clamp(cable, end, sceneView.frame), size = cable.radius * (end ? -1 : 1);
         const sized = (k) => multiply(model, new Float32Array([k[0], 0, 0, 0, 0, k[1], 0, 0, 0, 0, k[2], 0, 0, 0, 0, 1]));
-        this.renderer.draw(this.sleeve, { model: sized([Math.abs(size), Math.abs(size), size]), colour: rgb(SLEEVE) });
+        this.renderer.draw(this.sleeve, { model: sized([Math.abs(size), Math.abs(size), size]), colour: rgb(this.data.palette.sleeve) });
         if (!options.frames) continue;
         const long = 10 * cable.radius;
-        AXES.forEach((hex, k) => this.renderer.draw(this.frameArrows[k], { model: sized([long, long, long]), colour: rgb(hex) }));
+        this.data.palette.axes.forEach((hex, k) => this.renderer.draw(this.frameArrows[k], { model: sized([long, long, long]), colour: rgb(hex) }));
       }
     }
     for (const part of this.parts) {
@@ -187,21 +184,21 @@ class Stage {
     }
   }
 
-  drawGhosts(act, theme) {
-    for (const ghost of act.ghosts) {
-      if (ghost.frame === act.frame) continue;
-      act.cables.forEach((cable, k) => this.renderer.draw(ghost.cables[k], { colour: cable.colour, alpha: 0.2 }));
+  drawGhosts(sceneView, theme) {
+    for (const ghost of sceneView.ghosts) {
+      if (ghost.frame === sceneView.frame) continue;
+      sceneView.cables.forEach((cable, k) => this.renderer.draw(ghost.cables[k], { colour: cable.colour, alpha: 0.2 }));
       for (const part of this.parts) {
         if (!part.moves) continue;
-        const model = act.pose(part.body, ghost.frame);
+        const model = sceneView.pose(part.body, ghost.frame);
         this.renderer.draw(part.mesh, { model, colour: theme.moving, alpha: 0.07 });
         this.renderer.drawLines(part.edges, { model, colour: theme.edge, alpha: 0.22 });
       }
     }
   }
 
-  drawWitness(act, seen, options, theme, column, columns) {
-    const found = options.witness ? act.witness(options.mode) : null;
+  drawWitness(sceneView, seen, options, theme, column, columns) {
+    const found = options.witness ? sceneView.witness(options.mode) : null;
     if (!found) return { witness: null };
     const pixel = (2 * TANGENT * this.camera.distance) / this.renderer.canvas.height, ratio = window.devicePixelRatio || 1;
     const colour = found.broken ? theme.broken : theme.ink, apart = norm(add(found.to, found.from, -1));

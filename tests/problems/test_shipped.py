@@ -1,0 +1,72 @@
+"""The shipped problems give their verdicts, and what a redesign writes holds on a simulation twice as fine.
+
+Every redesigned file is read back from disk and simulated with half the spatial step and twice the elements: other
+frames, another mesh, another cold start than those the redesign saw.
+"""
+
+import dataclasses
+import functools
+
+import pytest
+
+import harness_opt as ho
+from harness_opt.clearance.limits import all_limits, held
+from harness_opt.model.design_variables import apply
+from oracles.problems import shipped
+
+ELEMENTS = 24  # three times those that the search uses, and half as many again as its own verification
+NAMES = ["lift_arm", "door", "drawer", "camera_pan"]
+
+
+@functools.cache
+def redesigned(name: str) -> ho.Redesign:
+    return ho.redesign(shipped(name))
+
+
+def rows(motion: ho.Motion):
+    return all_limits(motion.problem, motion, ho.clearances(motion))
+
+
+@pytest.mark.parametrize(
+    ("name", "violated"),
+    [
+        ("lift_arm", {("clearance", "bracket")}),
+        ("door", {("clearance", "striker")}),
+        ("drawer", {("bend_radius", None)}),
+        ("camera_pan", {("twist", None)}),
+    ],
+)
+def test_as_drawn(name, violated):
+    motion = ho.simulate(shipped(name))
+    assert motion.ok and not motion.snaps
+    assert all(cable.stable.all() for cable in motion.cables.values())
+    assert {(row.name, row.part) for row in rows(motion) if row.margin < 0} == violated
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_redesigned(name, tmp_path):
+    design = redesigned(name)
+    assert design.ok and design.active
+    file = tmp_path / "better.toml"
+    ho.write_problem(design.problem, file)
+    again = ho.read_problem(file)
+    fine = ho.simulate(again, spatial_step=again.spatial_step / 2, elements=ELEMENTS)
+    assert len(fine.motion) - 1 >= 2 * (len(design.motion_before.motion) - 1) - 1
+    assert fine.ok and not fine.snaps and held(rows(fine))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_least_change(name):
+    # the design stops where a limit does: halfway back to the original some limit is violated
+    design = redesigned(name)
+    before, after = ([getattr(v, end) for v in design.variables.values()] for end in ("before", "after"))
+    half = apply(design.original, [0.5 * (b + a) for b, a in zip(before, after, strict=True)])
+    assert not held(rows(ho.simulate(half)))
+
+
+def test_door_is_not_helped_by_length():
+    problem = shipped("door")
+    only = tuple(v for v in problem.design.variables if v.name == "loom.length")
+    design = ho.redesign(dataclasses.replace(problem, design=dataclasses.replace(problem.design, variables=only)))
+    assert not design.ok and design.status.ok
+    assert {row.part for row in design.limits if row.margin < 0} == {"striker"}
