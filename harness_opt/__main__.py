@@ -2,7 +2,7 @@
 
 import sys
 
-from harness_opt.cli.commands import main
+from harness_opt.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

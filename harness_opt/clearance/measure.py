@@ -40,6 +40,7 @@ from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.scene import Scene, load_scene
 
@@ -255,6 +256,7 @@ def _in_world(pair: PairClearance, problem: Problem, body: str, motion: Array) -
     )
 
 
+@one_at_a_time
 def clearances(
     motion: Motion,
     scene: Scene | None = None,

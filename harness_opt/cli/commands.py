@@ -5,22 +5,27 @@ The rooms that solve are imported inside the commands, so that help, ``schema`` 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import functools
-import math
-import os
-import re
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from harness_opt.cli.interrupts import Abandoned
-from harness_opt.cli.run import BAD_INPUT, INTERRUPTED, Voice, Wanted, naming, remedied, run
-from harness_opt.errors import CompilerError, HarnessError, ProblemError
+from harness_opt.cli.ending import BAD_INPUT, DEBUG, code_of
+from harness_opt.cli.options import (
+    Positive,
+    compiling,
+    debugging,
+    file_argument,
+    folders_option,
+    json_option,
+    running,
+    seconds_option,
+)
+from harness_opt.cli.run import Voice, Wanted, naming, remedied, run
+from harness_opt.cli.streams import lasting, say, tell, warn
+from harness_opt.errors import HarnessError, ProblemError
 from harness_opt.model.methods import SOLVERS, TRANSCRIPTIONS
 
 if TYPE_CHECKING:
@@ -30,7 +35,6 @@ if TYPE_CHECKING:
     from harness_opt.model.results import Motion
 
 EXPORTS = ("paraview", "csv", "gltf", "stl")
-CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")  # all but tab and new line
 MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
 EXPORT_FOLDER = "export"  # in a result folder
 
@@ -41,136 +45,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: the arguments, without the program's name; None takes those of the process.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a name that the terminal's encoding lacks must not end a run
-            stream.reconfigure(errors="replace")
-    try:
-        code = commands.main(args=argv, prog_name="harness-opt", standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
-        return BAD_INPUT
-    except ProblemError as error:
-        _tell(*error.mistakes)
-        return BAD_INPUT
-    except CompilerError as error:  # one that worked when it was tried out
-        _tell(f"harness-opt: {error}; leave --compile out to do without")
-        return BAD_INPUT
-    except OSError as error:  # such as a full disk behind stdout
-        _tell(f"harness-opt: {error.filename or 'output'}: {error.strerror or error}")
-        return BAD_INPUT
-    except (click.Abort, KeyboardInterrupt, Abandoned):
-        _tell("Interrupted.")
-        return INTERRUPTED
-    return code or 0
+    state: dict[str, bool] = {}  # set by --debug, wherever it stands
+
+    def command() -> int | None:
+        code: int | None = commands.main(args=argv, prog_name="harness-opt", standalone_mode=False, obj=state)
+        return code
+
+    with lasting():
+        return code_of(command, lambda: DEBUG in state)
 
 
-def _say(text: str) -> None:
-    """Print on stdout; a reader that has gone away (``harness-opt schema | head``) is no mistake."""
-    try:
-        click.echo(_coloured(text), color=_colour())
-    except BrokenPipeError:
-        # what is still buffered would fail again when Python ends; docs.python.org/3/library/signal.html
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _colour() -> bool | None:
-    """Return False where no colours are wanted (no-color.org), None to leave it to whether this is a terminal."""
-    return False if os.environ.get("NO_COLOR") else None
-
-
-def _coloured(text: str) -> str:
-    """Return the words of a table's last column in colours, which whatever is no terminal loses again.
-
-    What a file holds may not steer the terminal: control characters in it, and those that turn the direction of
-    writing, become question marks.
-    """
-    text = CONTROLS.sub("?", text)
-    text = re.sub(r" OK$", lambda found: click.style(found[0], fg="green"), text, flags=re.MULTILINE)
-    return re.sub(r" VIOLATED$", lambda found: click.style(found[0], fg="red", bold=True), text, flags=re.MULTILINE)
-
-
-def _warn(text: str) -> None:
-    """Print on stderr from a signal handler, where Python's own streams may be in use."""
-    os.write(2, text.encode())
-
-
-def _tell(*lines: str) -> None:
-    """Print on stderr."""
-    for line in lines:
-        click.echo(_coloured(line), err=True, color=_colour())
-
-
-VOICE = Voice(_say, _tell, _warn)
-
-
-# --- options -------------------------------------------------------------------------------------------
-
-
-class _Positive(click.ParamType[float]):
-    """A finite number above 0."""
-
-    name = "number"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not (math.isfinite(number) and number > 0):
-            self.fail(f"found {value!r}, expected a number above 0", param, ctx)
-        return number
-
-
-_file = click.argument("file", type=click.Path(path_type=Path))
-_folders = click.option(
-    "--files", "folders", multiple=True, metavar="DIR", type=click.Path(path_type=Path),
-    help="Folder that meshes and tables may come from, beside FILE's own; may be given several times.",
-)  # fmt: skip
-_seconds = click.option(
-    "--time-limit", "seconds", type=_Positive(), metavar="S",
-    help="Stop after so many seconds, and keep what is solved by then; exit code 3.",
-)  # fmt: skip
-_as_json = click.option("--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there.")
-
-
-def _running(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the argument and the options of the commands that write results."""
-    for decorate in (
-        click.option(
-            "--no-pictures", "pictures", flag_value=False, default=True, help="Write no report and draw no pictures."
-        ),
-        click.option("--quiet", "-q", is_flag=True, help="No progress and no table."),
-        _as_json,
-        click.option(
-            "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
-            help="Result folder; results/<name of FILE> where left out.",
-        ),
-        _file,
-    ):  # fmt: skip
-        command = decorate(command)
-    return command
-
-
-def _compiling(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the option that has functions compiled; where they can't be, say so and do without."""
-
-    @click.option(
-        "--compile", "machine", is_flag=True,
-        help="Have the system's C compiler make it faster, for some seconds the first time: same results.",
-    )  # fmt: skip
-    @functools.wraps(command)
-    def compiling(*arguments: Any, machine: bool, **options: Any) -> int:
-        with contextlib.ExitStack() as stack:
-            if machine:
-                from harness_opt.numerics.machine_code import compiled
-
-                try:
-                    stack.enter_context(compiled())
-                except CompilerError as error:
-                    _tell(f"--compile: {error}; going on without: the results are the same")
-            return command(*arguments, **options)
-
-    return compiling
+VOICE = Voice(say, tell, warn)
 
 
 def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -178,13 +63,13 @@ def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> 
     if wanted:
         from harness_opt.report.summary import versions
 
-        _say(f"harness-opt {versions()['harness-opt']}")
+        say(f"harness-opt {versions()['harness-opt']}")
         context.exit()
 
 
 _CODES = (
     "Exit codes: 0 all limits hold, 1 a limit is violated or no design holds them, 2 bad input, "
-    "3 a shape could not be found, 130 interrupted."
+    "3 a shape could not be found, 70 a fault of the program, 130 interrupted."
 )
 
 
@@ -206,9 +91,9 @@ def commands() -> None:
 
 
 @commands.command()
-@_file
-@_as_json
-@_folders
+@file_argument
+@json_option
+@folders_option
 def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     """Validate FILE and say what would be solved; nothing is written.
 
@@ -223,30 +108,30 @@ def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     with naming(file):
         content = facts(problem, load_scene(problem))
     if not as_json:
-        _say(description(problem, content))
+        say(description(problem, content))
         return 0
     from harness_opt.report import summary as report
 
     head = {"schema": report.SCHEMA, "command": "check", "problem": report.problem_words(problem)}
-    _say(report.as_json(head | {"versions": report.versions(), "status": "ok"} | content))
+    say(report.as_json(head | {"versions": report.versions(), "status": "ok"} | content))
     return 0
 
 
 @commands.command()
-@_running
-@_folders
-@_seconds
-@_compiling
-@click.option("--spatial-step", type=_Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
+@running
+@folders_option
+@seconds_option
+@compiling
+@click.option("--spatial-step", type=Positive(), metavar="M", help="Most that a clamp moves between frames, m.")
 @click.option("--out-and-back", is_flag=True, help="Go through the motion and back: shows which snaps stay.")
 @click.option("--elements", type=click.IntRange(1, MOST_ELEMENTS), help="Least number of elements of a cable.")
 @click.option("--solver", type=click.Choice(SOLVERS), help="Way to solve; gauss-newton where left out.")
 @click.option("--transcription", type=click.Choice(TRANSCRIPTIONS), help="collocation, or dqm: the paper's.")
 @click.option("--points", type=int, metavar="N", help="Of dqm, 5 to 200; as many as it takes where left out.")
 @click.option("--closure", is_flag=True, default=None, help="Of dqm: with the length closure (25).")
-@click.option("--tolerance", type=_Positive(), help="Error allowed in a shape, in lengths of the cable.")
+@click.option("--tolerance", type=Positive(), help="Error allowed in a shape, in lengths of the cable.")
 @click.option(
-    "--clearance-tolerance", type=_Positive(), metavar="M",
+    "--clearance-tolerance", type=Positive(), metavar="M",
     help="How certain the smallest clearances are wanted, m; 1 % of the cable's diameter where left out.",
 )  # fmt: skip
 def simulate(
@@ -282,10 +167,10 @@ def simulate(
 
 
 @commands.command()
-@_running
-@_folders
-@_seconds
-@_compiling
+@running
+@folders_option
+@seconds_option
+@compiling
 @click.option(
     "--pareto", metavar="FIRST,SECOND",
     help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
@@ -322,16 +207,16 @@ def redesign(
 
 
 @commands.command()
-@_file
+@file_argument
 @click.option(
     "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
     help="Folder of what it finds; results/<name of FILE> where left out.",
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
-@_compiling
+@compiling
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
-@_as_json
-@_folders
+@json_option
+@folders_option
 @click.option("--quiet", "-q", is_flag=True, help="No progress and no table.")
 def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: Any) -> int:
     """Run every variant that the study FILE describes; started again, it goes on where it was.
@@ -348,13 +233,13 @@ def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: A
 
 
 @commands.command()
-@_file
+@file_argument
 @click.option(
     "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
     help="Folder for table and chart; results/<name of FILE>_sensitivity where left out.",
 )  # fmt: skip
-@_as_json
-@_folders
+@json_option
+@folders_option
 def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:
     """Say what moves the worst clearance of FILE most, per millimetre, degree and percent.
 
@@ -370,7 +255,7 @@ def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[P
 
 @commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@_folders
+@folders_option
 def show(folder: Path, folders: tuple[Path, ...]) -> int:
     """Show the result in DIR in a window, to turn about and to scrub along the motion.
 
@@ -385,7 +270,7 @@ def show(folder: Path, folders: tuple[Path, ...]) -> int:
 
         pictures.show(folder, folders)
     except Exception as error:  # no pyvista, no display, no OpenGL: as many errors as there are computers
-        _tell(f"No window can be shown: {remedied(error)}")
+        tell(f"No window can be shown: {remedied(error)}")
         return BAD_INPUT
     return 0
 
@@ -398,7 +283,7 @@ def show(folder: Path, folders: tuple[Path, ...]) -> int:
 @click.option(
     "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
 )
-@_folders
+@folders_option
 def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: tuple[Path, ...]) -> int:
     """Write the result in DIR for other programs.
 
@@ -417,11 +302,11 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: t
     try:
         for kind in kinds:
             for line in export(folder, kind, target or folder / EXPORT_FOLDER, folders):
-                _say(line)
+                say(line)
     except HarnessError as error:
         if isinstance(error, ProblemError):
             raise
-        _tell(f"Nothing exported to {kind}: {remedied(error)}")
+        tell(f"Nothing exported to {kind}: {remedied(error)}")
         return BAD_INPUT
     if target is None:
         add_file(folder, EXPORT_FOLDER)
@@ -440,7 +325,7 @@ def new(name: Path) -> int:
     from harness_opt.cli.template import write_template
 
     file = write_template(name)
-    _say(f"{file}\nNext: harness-opt check {file}, then harness-opt simulate {file}")
+    say(f"{file}\nNext: harness-opt check {file}, then harness-opt simulate {file}")
     return 0
 
 
@@ -458,7 +343,7 @@ def completion(shell: str) -> int:
     complete = get_completion_class(shell)
     if complete is None:
         raise click.UsageError(f"found no completion for {shell}")
-    _say(complete(commands, {}, "harness-opt", "_HARNESS_OPT_COMPLETE").source())
+    say(complete(commands, {}, "harness-opt", "_HARNESS_OPT_COMPLETE").source())
     return 0
 
 
@@ -480,5 +365,9 @@ def schema(kind: str | None) -> int:
         from harness_opt.studies.study_file import schema as wanted
     else:
         from harness_opt.files.read import schema as wanted
-    _say(json.dumps(wanted(), indent=2))
+    say(json.dumps(wanted(), indent=2))
     return 0
+
+
+for _command in (commands, *commands.commands.values()):
+    debugging(_command)

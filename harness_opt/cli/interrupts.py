@@ -17,6 +17,29 @@ GRACE, LEAST_GRACE = 0.1, 1.0  # of a time limit, and s: so much later a run is 
 SOON = 0.02  # s until the next try to cut off a run
 
 
+@contextlib.contextmanager
+def heard() -> Iterator[Callable[[], bool]]:
+    """Give what says whether somebody pressed Ctrl-C; it stops the work at once, and is remembered.
+
+    Some libraries catch every exception while they are imported, this one too: without a memory it would be lost.
+    """
+    pressed: list[int] = []
+
+    def press(number: int, _frame: FrameType | None) -> None:
+        pressed.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    main = threading.current_thread() is threading.main_thread()  # elsewhere Python has no handlers
+    if main and before != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, press)
+    try:
+        yield lambda: bool(pressed)
+    finally:
+        if main:
+            signal.signal(signal.SIGINT, before)
+
+
 class Abandoned(BaseException):
     """Somebody asked twice for a stop: at once. No KeyboardInterrupt, which a solve would catch."""
 
@@ -29,15 +52,17 @@ class Interrupts:
 
     Attributes:
         asked: whether somebody pressed it.
-        patient: whether there is something to lose.
+        patient: whether there is something to lose, or Ctrl-C stops at once.
     """
 
-    def __init__(self, warn: Callable[[str], None], seconds: float | None = None, *, words: str = STOPPING) -> None:
-        """Take ``warn``, which shows a line to the user from inside a signal handler, a time limit from now on, and
-        the words to warn with.
+    def __init__(
+        self, warn: Callable[[str], None], seconds: float | None = None, *, words: str = STOPPING, patient: bool = True
+    ) -> None:
+        """Take ``warn``, which shows a line to the user from inside a signal handler, a time limit from now on, the
+        words to warn with, and whether there is something to lose already.
         """
         self.asked = False
-        self.patient = True
+        self.patient = patient
         self._warn, self._words = warn, words
         self._end = math.inf if seconds is None else time.monotonic() + seconds
         self._grace = 0.0 if seconds is None else max(LEAST_GRACE, GRACE * seconds)
@@ -90,6 +115,7 @@ class Interrupts:
 
     def _handle(self, _number: int, _frame: FrameType | None) -> None:
         if not self.patient:
+            self.asked = True  # remembered: some libraries catch every exception while they are imported
             raise KeyboardInterrupt
         if self.asked:
             raise Abandoned

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness_opt.cli.ending import INTERRUPTED, UNSOLVED
 from harness_opt.cli.interrupts import Interrupts
 from harness_opt.cli.progress import Shown, progress_for
 from harness_opt.errors import HarnessError, ProblemError, SolveError, Status
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     Solve = Callable[[Problem, Shown], Motion | Redesign]
     _Found = tuple[Motion | Redesign, ClearanceResult | None, Command]  # with the command that found it
 
-BAD_INPUT, UNSOLVED, INTERRUPTED = 2, 3, 130
 EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
 REMEDY = 'pip install "harness-opt[pictures]"'
 
@@ -84,22 +84,16 @@ def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice
         ProblemError: bad input, or a folder that cannot be written.
     """
     begin = time.perf_counter()
-    from harness_opt.files.read import read_problem
-    from harness_opt.files.result_folder import check_target
     from harness_opt.model.plausibility import doubts
-    from harness_opt.model.problem import input_files
-    from harness_opt.parts.scene import load_scene
     from harness_opt.report.summary import timed
 
-    problem = read_problem(file, wanted.folders)
     folder = wanted.folder or Path("results") / file.stem
-    check_target(folder, input_files(problem))  # now, and not after an hour of solving
-    with naming(file):
-        scene = load_scene(problem)
-    if not wanted.quiet:
-        voice.tell(*(f"{file}: {warning}" for warning in (*doubts(problem), *scene.warnings)))
-    loaded = time.perf_counter() - begin
-    with Interrupts(voice.warn, None if wanted.seconds is None else wanted.seconds - loaded) as interrupts:
+    with Interrupts(voice.warn, wanted.seconds, patient=False) as interrupts:
+        problem, scene = _loaded(file, folder, wanted, interrupts)
+        if not wanted.quiet:
+            voice.tell(*(f"{file}: {warning}" for warning in (*doubts(problem), *scene.warnings)))
+        loaded = time.perf_counter() - begin
+        interrupts.patient = True
         with naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
             result = _solved(problem, solve, progress, interrupts)
         result = _timely(result, wanted.seconds, interrupts)
@@ -121,6 +115,35 @@ def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice
             raise
     _show(wanted, summary, place, voice)
     return INTERRUPTED if interrupts.asked else EXIT[summary["status"]]
+
+
+def _loaded(file: Path, folder: Path, wanted: Wanted, interrupts: Interrupts) -> tuple[Problem, Scene]:
+    """Return the problem and its parts.
+
+    Raises:
+        ProblemError: bad input, or a folder that cannot be written.
+        SolveError: reading took longer than the time limit.
+    """
+    from harness_opt.files.read import read_problem
+    from harness_opt.files.result_folder import check_target
+    from harness_opt.model.problem import input_files
+    from harness_opt.parts.scene import load_scene
+
+    try:
+        with interrupts.cut_off():
+            problem = read_problem(file, wanted.folders)
+            check_target(folder, input_files(problem))  # now, and not after an hour of solving
+            with naming(file):
+                scene = load_scene(problem)
+        if interrupts.asked:  # and a library heard it
+            raise KeyboardInterrupt
+    except KeyboardInterrupt:
+        if interrupts.asked or not interrupts.late:
+            raise
+        words = f"found no end of reading the files within the time limit, {wanted.seconds:g} s"
+        advice = "try a longer --time-limit. Nothing was written."
+        raise SolveError(f"{file}: {words}; {advice}", Status.TIME_LIMIT) from None
+    return problem, scene
 
 
 def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[Summary, Path | None]:

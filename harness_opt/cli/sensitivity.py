@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness_opt.cli.run import UNSOLVED, Voice
+from harness_opt.cli.ending import UNSOLVED
+from harness_opt.cli.run import Voice
 from harness_opt.errors import ProblemError, SolveError
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def _subject(file: Path, folders: Sequence[Path]) -> _Subject:
     if "method" not in toml_tables(content_of(file, "a problem file or a study file"), file):
         given = quantities_of(file, folders)
         return _Subject(given, list(usual(given)), {})
-    study = read_study(file)
+    study = read_study(file, folders)
     given = quantities_of(study.problem, folders)
     expand(given, study.variations)  # says what is wrong with the study, if anything
     spreads = {

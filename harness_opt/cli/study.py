@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from harness_opt.cli.ending import BAD_INPUT, INTERRUPTED, UNSOLVED
 from harness_opt.cli.interrupts import Interrupts
 from harness_opt.cli.progress import progress_for
-from harness_opt.cli.run import EXIT, INTERRUPTED, UNSOLVED, Voice
+from harness_opt.cli.run import EXIT, Voice
 from harness_opt.errors import HarnessError, ProblemError
 
 STORE = "study.sqlite"
@@ -57,7 +58,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     from harness_opt.studies.variant import VariantResult, variant_runner
     from harness_opt.studies.workers import Crew
 
-    study = read_study(file)
+    study = read_study(file, asked.folders)
     planned = plan(quantities_of(study.problem, asked.folders), study.variations, study.command)
     folder = asked.folder or Path("results") / file.stem
     check_own(folder, STORE)
@@ -81,7 +82,9 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
         voice.tell(broken)
     if interrupts.asked:
         return INTERRUPTED
-    return UNSOLVED if broken else EXIT[content["status"]]
+    if broken:
+        return UNSOLVED if asked.scheduler is None else BAD_INPUT  # the address no longer leads to a scheduler
+    return EXIT[content["status"]]
 
 
 @contextlib.contextmanager

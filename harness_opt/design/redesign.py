@@ -20,6 +20,7 @@ from harness_opt.model.design import Robust
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.motion.follower import Progress
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 
 ROUNDS = 5  # allowances change little with the design, so two or three do
@@ -28,6 +29,7 @@ WASTE = 0.15  # of an allowance: more than that on top of what a design needs is
 NEAR = 4.0 * GUARD  # a margin that near to what it is asked for stands in the way
 
 
+@one_at_a_time
 def redesign(
     problem: Problem,
     *,

@@ -62,7 +62,7 @@ class Places:
             # before anything is said about a file that is none of the problem's business
             if sha256 is None:
                 outside = "a file outside the problem's folder"
-            elif file.is_file() and digest(file, most_bytes) != sha256.lower():
+            elif not _has(file, sha256, most_bytes):
                 outside = "a file outside the problem's folder, and not what it was when this problem was written"
         if outside:
             words = f"expected {what} in {self.folder} or below, or in a folder given by --files"
@@ -87,6 +87,14 @@ class Places:
             OSError: the file cannot be read.
         """
         return None if self._holds(file) or not file.is_file() else digest(file)
+
+
+def _has(file: Path, sha256: str, most_bytes: int) -> bool:
+    """Return whether ``file`` is there, may be read, and has the content of that SHA-256: one answer for all else."""
+    try:
+        return file.is_file() and digest(file, most_bytes) == sha256.lower()
+    except (OSError, ValueError):  # a ValueError: a name that the system cannot have
+        return False
 
 
 def digest(file: Path, most_bytes: float = math.inf) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.values import LARGEST, QUATERNION_TOLERANCE, shown
-from harness_opt.model.bodies import Poses
+from harness_opt.model.bodies import SHORTEST, Poses
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -108,6 +108,8 @@ def _time_mistakes(rows: list[list[float]]) -> Iterator[tuple[int, str]]:
     for i, interval in enumerate(intervals, 1):
         if not interval > 0:
             yield i, f"found t = {times[i]:g} after {times[i - 1]:g}, expected increasing times"
+        elif interval < SHORTEST:
+            yield i, f"found t = {times[i]:g} after {times[i - 1]:g}, expected at least {SHORTEST:g} s between them"
         elif interval > GAP * median:
             words = f"expected no interval above {GAP:g} times the median, {median:g} s"
             yield i, f"found a gap from t = {times[i - 1]:g} to {times[i]:g}, {words}"

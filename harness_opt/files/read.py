@@ -42,6 +42,8 @@ __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 MOST_BYTES = 4 * MEGABYTE  # of a problem file: some fifty thousand lines
 MOST_KEYS = 50_000  # of all its tables
 DEEPEST = 32  # tables within tables; none of ours lies deeper than five
+_PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""  # of a dotted key, bare or quoted
+LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PART}[.\]=]")
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
 MOST_MISTAKES = 200  # that are told one by one
 MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
@@ -172,6 +174,11 @@ def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise ProblemError(f"{file}: line {line}: found bytes that are not UTF-8, expected a TOML text") from None
+    deep = LONG_KEY.search(text)  # tomllib takes a time that grows with the square of a key's length
+    if deep is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        words = f"found more keys or levels than any problem has, expected at most {DEEPEST} levels"
+        raise ProblemError(f"{file}: line {line}: {words}")
     try:
         tables = tomllib.loads(text)
     except RecursionError:

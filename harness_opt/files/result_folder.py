@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.whole_folder import PART, clear_away, flush, locked, put, write_whole
+from harness_opt.files.whole_folder import beside, clear_away, flush, left_over, locked, put, write_whole
 
 SUMMARY = "summary.json"
 ASIDE = "-interrupted"  # added to the name of a folder that holds a whole result, for a part of another
@@ -101,11 +101,10 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         ProblemError: as :func:`check_target`, or the disk refuses.
     """
     target = check_target(folder, inputs)
-    aside = target.with_name(f".{target.name}.{os.getpid()}{PART}")
+    aside = beside(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         clear_away(target)
-        shutil.rmtree(aside, ignore_errors=True)
         aside.mkdir()
         with locked(aside):
             yield aside
@@ -128,7 +127,7 @@ def keep_foreign(earlier: Path, aside: Path) -> None:
     written = (read_summary(earlier) or {}).get("files", ())
     for entry in earlier.iterdir():
         new = aside / entry.name
-        if entry.name in written or os.path.lexists(new):
+        if entry.name in written or os.path.lexists(new) or left_over(entry):
             continue
         if entry.is_dir() and not entry.is_symlink():
             shutil.copytree(entry, new, symlinks=True, copy_function=_linked)

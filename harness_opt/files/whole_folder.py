@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
+import secrets
 import shutil
 import sys
 from collections.abc import Iterator
@@ -18,13 +20,18 @@ RENAME_EXCHANGE, RENAME_SWAP = 2, 2  # of renameat2 (Linux, since 2014) and rena
 AT_FDCWD = -100  # names are taken as they stand, not from an open folder (Linux)
 
 
+def beside(target: Path, end: str = PART) -> Path:
+    """Return a hidden name beside ``target`` that nobody else uses: of this process, and of this once."""
+    return target.with_name(f".{target.name}.{os.getpid()}{secrets.randbelow(10**9):09}{end}")
+
+
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold a lock on ``folder``, which ends with this process at the latest."""
+def locked(entry: Path) -> Iterator[None]:
+    """Hold a lock on a file or folder, which ends with this process at the latest."""
     if os.name == "nt":  # Windows opens no folders
         yield
         return
-    handle = os.open(folder, os.O_RDONLY)
+    handle = os.open(entry, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):  # a file system without locks: leftovers stay there
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -33,12 +40,12 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _abandoned(folder: Path) -> bool:
-    """Return whether nobody holds ``folder`` any more."""
+def _abandoned(entry: Path) -> bool:
+    """Return whether nobody holds a file or folder any more."""
     if os.name == "nt":
         return False
     try:
-        handle = os.open(folder, os.O_RDONLY)
+        handle = os.open(entry, os.O_RDONLY | os.O_NOFOLLOW)
     except OSError:
         return False
     try:
@@ -50,18 +57,27 @@ def _abandoned(folder: Path) -> bool:
         os.close(handle)
 
 
+def left_over(entry: Path, of: str = ".+") -> bool:
+    """Return whether a killed run left ``entry`` while it wrote a file or folder whose name the pattern ``of`` fits."""
+    hidden = re.fullmatch(rf"\.(?:{of})\.\d+(?:{re.escape(PART)}|{re.escape(BEFORE)})", entry.name, re.DOTALL)
+    return hidden is not None and not entry.is_symlink() and _abandoned(entry)
+
+
 def clear_away(target: Path) -> None:
     """Remove what killed runs left beside ``target``; a result that had given way comes back if none took its place."""
-    for entry in sorted(target.parent.iterdir()):
-        if not entry.name.startswith(f".{target.name}.") or not entry.is_dir():
+    try:
+        entries = sorted(target.parent.iterdir())
+    except PermissionError:  # a folder to write in, and not to look into
+        return
+    for entry in entries:
+        if not left_over(entry, re.escape(target.name)):
             continue
-        number, dot, end = entry.name.removeprefix(f".{target.name}.").partition(".")
-        if not number.isdigit() or dot + end not in (PART, BEFORE) or not _abandoned(entry):
-            continue
-        if end == BEFORE.lstrip(".") and not target.exists():
+        if entry.name.endswith(BEFORE) and not target.exists():
             os.rename(entry, target)
-        else:
+        elif entry.is_dir():
             shutil.rmtree(entry, ignore_errors=True)
+        else:
+            entry.unlink(missing_ok=True)
 
 
 def put(aside: Path, target: Path) -> None:
@@ -78,7 +94,7 @@ def put(aside: Path, target: Path) -> None:
     elif exchanged(aside, target):
         shutil.rmtree(aside, ignore_errors=True)
     else:
-        before = target.with_name(f".{target.name}.{os.getpid()}{BEFORE}")
+        before = beside(target, BEFORE)
         os.rename(target, before)
         try:
             os.rename(aside, target)
@@ -114,34 +130,41 @@ def filling(folder: Path) -> Iterator[Path]:
     """
     target = folder.resolve()
     target.parent.mkdir(parents=True, exist_ok=True)
-    aside = target.with_name(f".{target.name}.{os.getpid()}{PART}")
-    shutil.rmtree(aside, ignore_errors=True)
+    clear_away(target)
+    aside = beside(target)
     aside.mkdir()
     try:
-        yield aside
-        flush(aside)
-        target.mkdir(exist_ok=True)
-        for entry in aside.iterdir():
-            if entry.is_dir():
-                put(entry, target / entry.name)
-            else:
-                os.replace(entry, target / entry.name)
-        flush_entry(target)
+        with locked(aside):
+            yield aside
+            flush(aside)
+            target.mkdir(exist_ok=True)
+            for entry in aside.iterdir():
+                if entry.is_dir():
+                    put(entry, target / entry.name)
+                else:
+                    os.replace(entry, target / entry.name)
+            flush_entry(target)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
 
 def write_whole(file: Path, content: bytes) -> None:
-    """Put ``content`` in the place of ``file`` in one step.
+    """Put ``content`` in the place of ``file`` in one step; what killed runs left of it goes.
 
     Raises:
         OSError: the disk refuses; ``file`` is as it was.
     """
-    aside = file.with_name(f".{file.name}.{os.getpid()}{PART}")
+    clear_away(file)
+    aside = beside(file)
     try:
-        aside.write_bytes(content)
-        flush_entry(aside)
-        os.replace(aside, file)
+        with aside.open("xb") as stream, locked(aside):
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+            if os.name != "nt":  # Windows renames nothing that is open
+                os.replace(aside, file)
+        if os.name == "nt":
+            os.replace(aside, file)
     finally:
         aside.unlink(missing_ok=True)
 

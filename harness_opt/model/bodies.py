@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import RotationSpline
 
+SHORTEST = 1e-9  # s between two rows of a table: no motion is told more finely, and speeds stay numbers
 RATE_MARGIN = 1.1  # angular acceleration is not linear between those samples; sizes and angles there are
 
 
@@ -127,6 +128,8 @@ class Poses:
         times = np.asarray(self.times, dtype=float)
         if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
             raise ProblemError("times: expected at least two increasing numbers")
+        if not float(np.min(np.diff(times))) >= SHORTEST:
+            raise ProblemError(f"times: expected at least {SHORTEST:g} s between two")
         if np.shape(self.positions) != (len(times), 3) or np.shape(self.quaternions) != (len(times), 4):
             raise ProblemError("positions, quaternions: expected one row a time")
         if not (np.all(np.isfinite(times)) and np.all(np.isfinite(self.positions))):

@@ -20,6 +20,7 @@ from harness_opt.files.stored_results import read_motion
 from harness_opt.files.whole_folder import filling
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.parts.triangles import triangles
 from harness_opt.pictures.drawing import placement, pose_at
@@ -35,6 +36,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
+@one_at_a_time
 def export(folder: str | Path, kind: str, target: str | Path, folders: Iterable[str | Path] = ()) -> list[str]:
     """Write the motion that a result folder holds for another program; return what was written, a sentence each.
 

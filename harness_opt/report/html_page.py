@@ -24,6 +24,7 @@ from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.results import Motion
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.report import charts, colours
 from harness_opt.report import page_rows as report_words
@@ -275,6 +276,7 @@ def write_page(report: Report, summary: Summary, folder: Path) -> str:
     return FILE
 
 
+@one_at_a_time
 def write_report(result: Motion | Redesign, file: str | Path) -> Path:
     """Write the report of a result as one HTML file that needs no network, and return its path.
 

@@ -16,6 +16,7 @@ from harness_opt.files.result_folder import SUMMARY, replacing
 from harness_opt.files.summary import Command, Summary
 from harness_opt.model.problem import input_files
 from harness_opt.model.results import Motion
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.report.summary import _asked, as_json, summary, timed
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
 Page = Callable[[Summary, Path], str]  # writes a report of a summary into a folder
 
 
+@one_at_a_time
 def write_results(
     result: Motion | Redesign,
     folder: str | Path,

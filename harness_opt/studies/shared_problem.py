@@ -10,6 +10,8 @@ import dataclasses
 import functools
 import hashlib
 import json
+import os
+import stat
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,6 +32,7 @@ from harness_opt.parts.scene import Scene, load_scene
 
 Command = Literal["simulate", "redesign"]
 COMMANDS = ("simulate", "redesign")
+DIGITS = 32  # of a study's name
 SILENT = ("title",)  # sections that no result depends on
 
 
@@ -72,6 +75,12 @@ class Shared:
         content = [self.tables, self.files, self.command, self.version, values]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
+    @property
+    def name(self) -> str:
+        """What names the study where its files are kept: no two read each other's."""
+        content = json.dumps([self.tables, self.files, self.command])
+        return hashlib.sha256(content.encode()).hexdigest()[:DIGITS]
+
     def paths(self) -> dict[Path, str]:
         """Return the absolute paths of the files where the study was started, and their sha256."""
         places = Places.around(Path(self.file).parent)
@@ -103,14 +112,30 @@ def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def carried_folder(digest: str) -> Path:
-    """Return the folder in which a worker finds a file that was sent to it, by the sha256 of its content."""
-    return carried_root() / digest
+def _holds(path: Path, digest: str) -> bool:
+    return path.is_file() and sha256(path) == digest
 
 
-def carried_root() -> Path:
-    """Return the folder of all files that were sent to this machine."""
-    return Path(tempfile.gettempdir()) / "harness-opt-files"
+def carried_root(study: str) -> Path:
+    """Return the folder for the files of a study that are sent to this machine, this user's alone.
+
+    Args:
+        study: its :attr:`Shared.name`.
+
+    Raises:
+        ProblemError: somebody else's stands in its place, or it cannot be made.
+    """
+    user = os.getuid() if hasattr(os, "getuid") else "files"  # elsewhere the folder above is the user's own
+    above = Path(tempfile.gettempdir()) / f"harness-opt-{user}"
+    try:
+        above.mkdir(mode=0o700, exist_ok=True)
+        info = above.lstat()
+        if not stat.S_ISDIR(info.st_mode) or (os.name == "posix" and (info.st_uid != user or info.st_mode & 0o077)):
+            raise ProblemError(f"{above}: found a folder that others may write to, expected one of this user alone")
+        (above / study).mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise ProblemError(f"{above}: found no way to use it ({error.strerror}), expected a folder of ours") from error
+    return above / study
 
 
 class LocalProblem:
@@ -126,16 +151,20 @@ class LocalProblem:
     def __init__(self, shared: Shared):
         tree, file, mistakes = json.loads(shared.tables), Path(shared.file), []
         self._moved: dict[str, str] = {}
+        granted = shared.folders
         for name, digest in shared.files:
-            here = Places.around(file.parent).located(name)
-            sent = carried_folder(digest) / here.name
-            found = [path for path in (here, sent) if path.is_file() and sha256(path) == digest]
-            if not found:
-                mistakes.append(f"{here}: found no such file, or another, on this machine, expected that of the study")
-            self._moved[name] = str(found[0] if found else here)
+            found = Places.around(file.parent).located(name)
+            if not _holds(found, digest):
+                root = carried_root(shared.name)
+                sent, granted = root / digest / found.name, (*shared.folders, str(root))
+                if not _holds(sent, digest):
+                    words = "found no such file, or another, on this machine, expected that of the study"
+                    mistakes.append(f"{found}: {words}")
+                found = sent
+            self._moved[name] = str(found)
         if mistakes:
             raise ProblemError(mistakes)
-        self.quantities = Quantities(self._here(tree), file, (*shared.folders, carried_root()))
+        self.quantities = Quantities(self._here(tree), file, granted)
         self._at_rest: dict[tuple[str, MeshFile], Geometry] = {}
         self._placed: dict[str, tuple[Part, Geometry]] = {}  # the last of each name: most variants move none
 

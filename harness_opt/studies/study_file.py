@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,14 +13,14 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.places import unreadable
+from harness_opt.files.places import Places
 from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
 from harness_opt.files.schema import schema_of, structured
 from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
 from harness_opt.files.values import Expected, Number, Table, Text, Whole, dotted, one_of, only_integer, shown
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.studies.shared_problem import COMMANDS, Command
-from harness_opt.studies.variations import METHODS, Variations
+from harness_opt.studies.variations import METHODS, MOST_VARIANTS, Variations
 
 SPREADS = (*WIDTHS, "distribution", "nominal", "from", "to", "count", "values")
 COUNT_MOST = 1_000_000  # values of one key
@@ -82,8 +83,12 @@ class StudyFile:
     variations: Variations
 
 
-def read_study(path: str | os.PathLike[str]) -> StudyFile:
+def read_study(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()) -> StudyFile:
     """Return the study that a TOML file describes; the problem that it names is not read.
+
+    Args:
+        path: of the study file.
+        folders: where the problem may lie beside its folder, as for :func:`harness_opt.read_problem`.
 
     Raises:
         ProblemError: one line a mistake, as of a problem file.
@@ -92,10 +97,14 @@ def read_study(path: str | os.PathLike[str]) -> StudyFile:
     tables, _, wrong = structured(toml_tables(content_of(file, "a study file"), file), StudyTable)
     mistakes = [f"{dotted(path)}: {words}" for path, words in wrong]
     if tables is not None:
+        places = Places.around(file.parent, folders)
         problem = file.parent / tables.problem
-        why = unreadable(problem, MOST_BYTES)
+        why = places.fault(tables.problem, "a problem file", None, MOST_BYTES)
         if why:
-            mistakes.append(f"problem: found {shown(tables.problem)}, {why}, expected a problem file")
+            mistakes.append(f"problem: {why}")
+        mistakes += _crowd(tables)
+        if mistakes:  # before anything is listed
+            raise ProblemError(f"{file}: {line}" for line in mistakes)
         vary: dict[str, Any] = {}
         for key, spread in tables.vary.items():
             try:
@@ -109,6 +118,19 @@ def read_study(path: str | os.PathLike[str]) -> StudyFile:
             except ProblemError as error:
                 mistakes += error.mistakes
     raise ProblemError(f"{file}: {line}" for line in mistakes)
+
+
+def _crowd(tables: StudyTable) -> Iterator[str]:
+    """Yield that a grid has more variants than anybody waits for, by the counts alone."""
+    if tables.method != "grid":
+        return
+    sizes = [
+        len(spread) if isinstance(spread, list) else spread.count or len(spread.values or ()) or 1
+        for spread in tables.vary.values()
+    ]
+    count = math.prod(size for size in sizes if size > 0)
+    if count > MOST_VARIANTS:
+        yield f"vary: found a grid of {count:,} variants, expected at most {MOST_VARIANTS:,}"
 
 
 def schema() -> dict[str, Any]:

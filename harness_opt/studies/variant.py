@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from harness_opt.design.redesign import redesign
 from harness_opt.errors import CompilerError, ProblemError
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics.machine_code import compiled, wanted
+from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.report.summary import verdict
 from harness_opt.studies.shared_problem import Shared, local_problem, version
 
@@ -73,10 +73,8 @@ class VariantResult:
 
 # --- one variant ---------------------------------------------------------------------------------------
 
-# CasADi's functions and coal's queries write into buffers that a process has once
-_alone = threading.Lock()
 
-
+@one_at_a_time
 def run_variant(shared: Shared, number: int, values: Mapping[str, Any]) -> VariantResult:
     """Return what comes of one variant, whatever that is: no exception leaves but what ends the process.
 
@@ -86,19 +84,18 @@ def run_variant(shared: Shared, number: int, values: Mapping[str, Any]) -> Varia
         values: of the varied quantities, by key.
     """
     key = shared.key(values)
-    with _alone:
-        begin = time.perf_counter()
-        try:
-            if shared.version != version():
-                found = f"found harness-opt {version()} on this worker, expected {shared.version}, as in the study"
-                raise ProblemError(found)
-            result = _run(shared, number, key, values)
-        except ProblemError as error:
-            # the problem's file is every variant's, and names no reason
-            result = VariantResult(number, key, values, REFUSED, str(error).replace(f"{shared.file}: ", ""))
-        except Exception as error:  # whatever breaks one variant is its row, and no reason to lose the others
-            result = VariantResult(number, key, values, FAILED, f"{type(error).__name__}: {error}")
-        return dataclasses.replace(result, seconds=time.perf_counter() - begin)
+    begin = time.perf_counter()
+    try:
+        if shared.version != version():
+            found = f"found harness-opt {version()} on this worker, expected {shared.version}, as in the study"
+            raise ProblemError(found)
+        result = _run(shared, number, key, values)
+    except ProblemError as error:
+        # the problem's file is every variant's, and names no reason
+        result = VariantResult(number, key, values, REFUSED, str(error).replace(f"{shared.file}: ", ""))
+    except Exception as error:  # whatever breaks one variant is its row, and no reason to lose the others
+        result = VariantResult(number, key, values, FAILED, f"{type(error).__name__}: {error}")
+    return dataclasses.replace(result, seconds=time.perf_counter() - begin)
 
 
 def run_compiled_variant(shared: Shared, number: int, values: Mapping[str, Any]) -> VariantResult:

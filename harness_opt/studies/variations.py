@@ -23,6 +23,7 @@ Values = dict[str, Any]  # of the varied quantities, by key
 METHODS = ("grid", "list", "latin hypercube", "monte carlo")
 SAMPLED = ("latin hypercube", "monte carlo")
 INNER = 0.314  # half tolerances from the middle: shows a key that takes whole numbers only
+FEW = 100  # values of one key that are all looked at
 MOST_VARIANTS = 1_000_000  # each takes a second or so: more is a slip of the keyboard
 
 
@@ -85,6 +86,9 @@ def expand(quantities: Quantities, variations: Variations) -> list[Values]:
             for; keys of which one holds another; too many variants. Every mistake is named.
     """
     mistakes = [*_unknown(quantities, variations.keys), *_overlapping(quantities, variations.keys)]
+    count = math.prod(len(spread) for spread in variations.vary.values() if not isinstance(spread, Tolerance))
+    if variations.method == "grid" and count > MOST_VARIANTS:  # before each of them is looked at
+        mistakes.append(f"vary: found a grid of {count:,} variants, expected at most {MOST_VARIANTS:,}")
     if mistakes:
         raise ProblemError(mistakes)
     if variations.method == "list":
@@ -99,9 +103,6 @@ def expand(quantities: Quantities, variations: Variations) -> list[Values]:
             for key, spread in variations.vary.items()
             for line in _impossible(quantities, key, spread, variations.method)
         ]
-    count = math.prod(len(spread) for spread in variations.vary.values() if not isinstance(spread, Tolerance))
-    if variations.method == "grid" and count > MOST_VARIANTS:
-        mistakes.append(f"vary: found a grid of {count:,} variants, expected at most {MOST_VARIANTS:,}")
     if mistakes:
         raise ProblemError(mistakes)
     return list(_expanded(quantities, variations))
@@ -166,13 +167,28 @@ def _overlapping(quantities: Quantities, keys: Sequence[str]) -> Iterator[str]:
             yield f"{outer.key}: found {inner.key} as well, which is in it, expected one of the two"
 
 
+def _telling(values: Sequence[Any]) -> Sequence[Any]:
+    """Return the values that tell whether all of them are possible.
+
+    Of many numbers the smallest and the largest, the one nearest to 0 on either side, and one that is not whole: what
+    a number of the file may be is an interval, whole or not, with 0 in it or without.
+    """
+    numbers = all(type(value) in (int, float) and math.isfinite(value) for value in values)
+    if len(values) <= FEW or not numbers:
+        return values
+    found = [min(values), max(values)]
+    found += [f(side) for f, side in ((max, [v for v in values if v < 0]), (min, [v for v in values if v > 0])) if side]
+    found += [value for value in values if value == 0 or value != int(value)][:1]
+    return list(dict.fromkeys(found))
+
+
 def _impossible(quantities: Quantities, key: str, spread: Tolerance | Sequence[Any], method: str) -> Iterator[str]:
     """Yield what is wrong with a spread, or with the values that it reaches."""
     if not isinstance(spread, Tolerance):
         if isinstance(spread, str) or not len(spread):
             yield f"found {shown(spread)}, expected a list of values"
             return
-        for value in spread:
+        for value in _telling(spread):
             yield from quantities.mistakes({key: value})
         return
     if method == "grid":

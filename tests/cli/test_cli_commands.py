@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from harness_opt.cli import commands as cli
+from harness_opt.cli import streams
 from harness_opt.cli.commands import main
 from harness_opt.cli.interrupts import Interrupts
 from harness_opt.cli.progress import progress_for
@@ -136,7 +137,7 @@ def test_colours_only_where_they_are_wanted(here):
     put(FLAP)
     plain = run("simulate", "flap.toml", *PLAIN, cwd=here).stdout
     assert "\x1b" not in plain
-    assert cli._coloured("margin OK\nmargin VIOLATED\nOK is a name") == (
+    assert streams.coloured("margin OK\nmargin VIOLATED\nOK is a name") == (
         "margin\x1b[32m OK\x1b[0m\nmargin\x1b[31m\x1b[1m VIOLATED\x1b[0m\nOK is a name"
     )
 
