@@ -40,12 +40,12 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
         for kind in CABLE_KINDS:
             limit = getattr(problem.limits, kind.value)
             if limit is not None:
-                rows.append(_row(LimitId(kind, name), limit, shapes, motion.motion))
+                rows.append(limit_row(LimitId(kind, name), limit, shapes, motion.motion))
     return tuple(rows)
 
 
-def _row(which: LimitId, limit: float, shapes: CableMotion, motion: Array) -> LimitResult:
-    """Return the row of a limit of one cable."""
+def limit_row(which: LimitId, limit: float, shapes: CableMotion, motion: Array) -> LimitResult:
+    """Return the row of a limit of one cable, looked at in the stations of the frames ``motion`` (P,) alone."""
     value = _value(which.kind, shapes)
     frame, station = np.unravel_index(int(np.argmax(value)), value.shape)
     worst = float(value[frame, station])
@@ -80,8 +80,9 @@ def _value(kind: LimitKind, shapes: CableMotion) -> Array:
 
 
 def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) -> tuple[LimitResult, ...]:
-    """Return the rows of every limit of ``problem``."""
-    return (*clearances.limits, *cable_limits(problem, motion))
+    """Return the rows of every limit of ``problem``, certain between the frames where ``clearances`` are."""
+    others = clearances.cable_limits
+    return (*clearances.limits, *(cable_limits(problem, motion) if others is None else others))
 
 
 def held(rows: Sequence[LimitResult]) -> bool:

@@ -16,7 +16,7 @@ of that body do not count. The result says how long these stretches are.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.certify_cable import CableSearch
+from harness_opt.clearance.certify_limits import certified_limit
 from harness_opt.clearance.certify_part import PartSearch, Seen
 from harness_opt.clearance.moving_centreline import MovingCurve
 from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance
@@ -35,9 +36,9 @@ from harness_opt.clearance.witnesses import LONG, Certificate, Found, Task, Witn
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
-from harness_opt.model.limits import Obstacle
+from harness_opt.model.limits import CABLE_KINDS, LimitId, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Motion, cubic_errors
+from harness_opt.model.results import CableMotion, LimitResult, Motion, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
@@ -114,8 +115,21 @@ def measure(
                 curves = views.curve(own.cable), views.curve(other.cable)
                 pair = _certified(pair, motion, CableSearch(task, other, curves, pair.start).certificate())
             pairs.append(pair)
-    inserted = {} if views is None else {name: frames.inserted for name, frames in views.frames.items()}
-    return ClearanceResult(motion, tuple(pairs), tuple(left_out), inserted)
+    if views is None:
+        return ClearanceResult(motion, tuple(pairs), tuple(left_out))
+    others = tuple(_cable_limits(given, views, task) for task in tasks)
+    inserted = {name: frames.inserted for name, frames in views.frames.items()}
+    rows = tuple(row for several in others for row in several)
+    return ClearanceResult(motion, tuple(pairs), tuple(left_out), inserted, rows)
+
+
+def _cable_limits(given: Motion, views: _Views, task: Task) -> Iterator[LimitResult]:
+    """Give the rows of bend radius, twist and clamp loads of the cable of ``task``, through the whole motion."""
+    for kind in CABLE_KINDS:
+        limit = getattr(given.problem.limits, kind.value)
+        if limit is not None:
+            which = LimitId(kind, task.cable)
+            yield certified_limit(which, limit, given.cables[task.cable], views.frames[task.cable], task)
 
 
 class _Views:

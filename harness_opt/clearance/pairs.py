@@ -119,12 +119,14 @@ class ClearanceResult:
         pairs: one for each cable and obstacle.
         left_out: what was not measured and why, a sentence each.
         inserted: how many frames were solved between the others to be certain, by cable.
+        cable_limits: the rows of bend radius, twist and clamp loads; None where the frames alone were looked at.
     """
 
     motion: Array
     pairs: tuple[PairClearance, ...]
     left_out: tuple[str, ...] = ()
     inserted: Mapping[str, int] = field(default_factory=dict)
+    cable_limits: tuple[LimitResult, ...] | None = None
 
     @property
     def limits(self) -> tuple[LimitResult, ...]:
