@@ -52,7 +52,11 @@ class Cubics:
             stretches: first and last number of each run of at least four places across which all is smooth.
             count: of shares.
         """
-        nodes = np.zeros((len(x) - 1, NODES), dtype=np.int64)
+        pieces = len(x) - 1
+        if len(x) < NODES:  # no piece is known
+            nothing = np.zeros((pieces, count, NODES, NODES))
+            return Cubics(np.zeros((pieces, NODES), dtype=np.int64), nothing[..., 0], nothing)
+        nodes = np.clip(np.arange(pieces) - 1, 0, len(x) - NODES)[:, None] + np.arange(NODES)
         for first, last in stretches:
             inside = np.arange(first, last)
             nodes[inside] = np.clip(inside - 1, first, last - NODES + 1)[:, None] + np.arange(NODES)
@@ -112,7 +116,7 @@ def certified_limit(which: LimitId, limit: float, shapes: CableMotion, frames: S
     frames.complete()
     search = _Search(which.kind, 1.0 / limit if which.kind is LimitKind.BEND_RADIUS else limit, frames)
     why = search.run(task)
-    row = limit_row(which, limit, shapes, frames.given)
+    row = limit_row(which, limit, shapes.frames(slice(len(frames.given))), frames.given)
     at, arc, worst, bound = search.worst_time, search.worst_arc, search.worst, search.bound
     if which.kind is LimitKind.BEND_RADIUS:
         worst, bound = 1.0 / max(worst, STRAIGHT), 1.0 / max(bound, STRAIGHT)

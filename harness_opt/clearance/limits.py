@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, LimitResult, Motion
+from harness_opt.model.results import CableMotion, Holds, LimitResult, Motion
 from harness_opt.numerics.rotations import Array
 
 LOOKED_AT = "only the stations of the solved frames were looked at"
@@ -85,9 +85,10 @@ def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) ->
     return (*clearances.limits, *(cable_limits(problem, motion) if others is None else others))
 
 
-def held(rows: Sequence[LimitResult]) -> bool:
-    """Return whether every limit holds."""
-    return all(row.margin >= 0 for row in rows)
+def all_hold(rows: Iterable[LimitResult]) -> Holds:
+    """Return whether every limit holds; a "no" outranks an "uncertain"."""
+    answers = {row.holds for row in rows}
+    return "no" if "no" in answers else "uncertain" if "uncertain" in answers else "yes"
 
 
 def most_urgent(problem: Problem, rows: Sequence[LimitResult]) -> LimitResult:

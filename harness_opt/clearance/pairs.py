@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -107,7 +108,7 @@ class PairClearance:
     @property
     def tolerance(self) -> float:
         """By how much, at most, what lies between can be worse than :attr:`worst`, m."""
-        return self.worst - self.lower_bound
+        return self.worst - self.lower_bound if math.isfinite(self.worst) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +141,7 @@ class ClearanceResult:
                 frame=pair.frame,
                 motion=pair.motion,
                 arc_length=pair.arc_length,
-                certified=pair.certified,
+                certified=pair.certified and pair.lower_bound > -math.inf,
                 tolerance=pair.tolerance,
                 reason=pair.reason,
             )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
-from harness_opt.clearance.what_counts import arc_apart
+from harness_opt.clearance.what_counts import arc_apart, let_off_rate
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.design.curved_distance import Passing, second_order
 from harness_opt.design.margins import at_stations, linearised
@@ -310,9 +310,8 @@ def _cable_rate(side: _Sides, cable: str, field: str) -> float:
 def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -> Array:
     """Return the rates (W,) of clearances that stand where a cable begins to count, which moves along it.
 
-    Everywhere else a clearance is smallest, and moving along the cable changes nothing. A length near a clamp that does
-    not count is two limits and radii long, the least arc between points of one cable as in
-    :func:`~harness_opt.clearance.what_counts.arc_apart`; the rates of shapes are at fixed s / L.
+    Everywhere else a clearance is smallest, and moving along the cable changes nothing. How long the stretches are is
+    up to :mod:`harness_opt.clearance.what_counts`; the rates of shapes are at fixed s / L.
     """
     shapes = motion.cables[pair.cable]
     length, grown = _cable_rate(side, pair.cable, "length"), _cable_rate(side, pair.cable, "radius")
@@ -326,7 +325,9 @@ def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -
         return np.zeros(len(arc))
     along = np.einsum("wc,wc->w", found.normal, at_stations(tangents, shapes.s, found.frame, arc)[..., 0])
     first, last = _at_ends(pair, arc, whole)
-    shift = np.where(first, 2.0 * grown, np.where(last, length - 2.0 * grown, arc / whole * length))
+    run = motion.problem.cables[pair.cable]
+    at_start, at_end = (grown * let_off_rate(end, run.cable.radius, pair.limit) for end in (run.start, run.end))
+    shift = np.where(first, at_start, np.where(last, length - at_end, arc / whole * length))
     result: Array = along * np.where(first | last, shift - arc / whole * length, 0.0)
     return result
 

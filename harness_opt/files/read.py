@@ -319,7 +319,16 @@ def _end(end: file_schema.EndTable) -> End:
     quaternion: Any = end.quaternion
     if end.tangent is not None:
         quaternion = rotations.from_tangent(end.tangent, math.radians(end.roll_deg or 0.0))
-    return End(end.position, quaternion, end.force, end.moment, end.turns, end.body)
+    return End(
+        position=end.position,
+        quaternion=quaternion,
+        force=end.force,
+        moment=end.moment,
+        turns=end.turns,
+        body=end.body,
+        holders=None if end.holders is None else tuple(end.holders),
+        let_off=end.let_off,
+    )
 
 
 def _part(part: file_schema.PartTable, places: Places) -> Part:

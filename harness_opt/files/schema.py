@@ -83,6 +83,16 @@ class EndTable(Table):
         default=0,
         description="At the end only: whole turns added to the smallest twist that joins the two clamps.",
     )
+    holders: list[Text] | None = Field(
+        default=None,
+        description="Parts of the clamp's body that hold the cable, which it may be in until it has left them. "
+        "Left out: those that contain the clamp's point or come nearer to it than the cable's radius; [] is none.",
+    )
+    let_off: NotNegative | None = Field(
+        default=None,
+        description="Arc over which a holder's limit does not count, m; left out: the radius plus the limit, at least "
+        "two diameters.",
+    )
 
 
 class CableTable(Table):

@@ -157,6 +157,8 @@ def _end(end: End) -> InlineTable:
             ("quaternion", _numbers(end.quaternion), ""),
             ("moment", _numbers(end.moment), ""),
             ("turns", end.turns or None, ""),
+            ("holders", None if end.holders is None else list(end.holders), ""),
+            ("let_off", end.let_off, ""),
         ]
     )
 

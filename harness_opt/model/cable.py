@@ -82,6 +82,10 @@ class End:
         moment: the same for the moment, N m.
         turns: whole turns of twist added, at the end of the cable, to the smallest twist that joins the two clamps.
         body: name of the body that carries the clamp.
+        holders: parts of that body that hold the cable here, by name: what it comes out of. None takes those that
+            contain the clamp's point, or come nearer to it than the cable's radius.
+        let_off: arc over which a holder's limit does not count, m: until the cable has left it, and near it after.
+            None takes the radius and the limit, at least two diameters.
 
     A quantity that is given as neither is free: no force, or no moment.
 
@@ -96,8 +100,12 @@ class End:
     moment: Vector | None = None
     turns: int = 0
     body: str = WORLD
+    holders: tuple[str, ...] | None = None
+    let_off: float | None = None
 
     def __post_init__(self) -> None:
+        if self.let_off is not None:
+            object.__setattr__(self, "let_off", checks.positive("let_off", self.let_off, zero=True))
         for given, load in (("position", "force"), ("quaternion", "moment")):
             if getattr(self, given) is not None and getattr(self, load) is not None:
                 raise ProblemError(f"{load}: an end takes {given} or {load}, found both")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -112,13 +113,16 @@ class Snap:
     motion: float
 
 
+Holds = Literal["yes", "no", "uncertain"]
+
+
 @dataclass(frozen=True)
 class LimitResult:
     """How one limit fared over the whole motion.
 
     Args:
         id: which limit.
-        limit, worst: in SI units (twist in rad/m).
+        limit, worst: in SI units (twist in rad/m); the worst is infinite where a cable never comes near itself.
         margin: >= 0 holds; ``worst - limit`` for clearance and bend radius, ``limit - worst`` for the others.
         frame, motion, arc_length: where the worst stands; the nearest frame, where that is between two.
         certified: True where no point between samples can be worse than ``worst`` by more than ``tolerance``.
@@ -151,6 +155,13 @@ class LimitResult:
     def part(self) -> str | None:
         """What a clearance is measured to: name of the part, "cable:NAME" of a cable; None for other limits."""
         return None if self.id.obstacle is None else self.id.obstacle.key
+
+    @property
+    def holds(self) -> Holds:
+        """Whether the limit holds: "no" where any point found violates it, "yes" where that is certain."""
+        if self.margin < 0:
+            return "no"
+        return "yes" if self.certified and self.margin >= self.tolerance else "uncertain"
 
     def scale(self, radius: float) -> float:
         """Return what the margin is divided by to be comparable with others, SI; ``radius`` of the cable, m."""
