@@ -93,7 +93,8 @@ def test_two_cables_and_one_with_itself_against_dense_sampling(rng):
             return stories[cable].solve(cable, values)
 
         given = {name: story.shapes(motion) for name, story in stories.items()}
-        found = measure(problem, load_scene(problem), motion, given, between=Between(solve))
+        asked = Options(tolerance=TOLERANCE)
+        found = measure(problem, load_scene(problem), motion, given, asked, between=Between(solve))
         least = {"cable:one": np.inf, "cable:two": np.inf}
         for t in np.linspace(0, 1, 201):
             one, two = (story.points(t, s) for story in stories.values())
