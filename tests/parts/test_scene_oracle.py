@@ -124,8 +124,8 @@ def test_large_mesh_in_clusters(tmp_path, rng):
     shell = trimesh.util.concatenate([trimesh.creation.torus(40, 15, 120, 60), trimesh.creation.torus(40, 8, 60, 30)])
     shell.faces[14400:] = shell.faces[14400:, ::-1]  # hollow
     geometry = load_mesh(shell, tmp_path)
-    assert geometry.clusters is not None
-    assert np.array_equal(np.sort(np.concatenate(geometry.clusters.members)), np.arange(len(geometry.faces)))
+    assert geometry.winding.clusters is not None
+    assert np.array_equal(np.sort(np.concatenate(geometry.winding.clusters.members)), np.arange(len(geometry.faces)))
     points = rng.uniform(geometry.lower, geometry.upper, (400, 3))
     distance = geometry.signed_distance(points)[0]
     tube = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.04, points[:, 2])
@@ -173,14 +173,14 @@ def test_absurd_answers_are_asked_again(tmp_path, rng, monkeypatch):
     geometry = load_mesh(MESHES["annulus"], tmp_path)
     points = rng.uniform(-0.05, 0.05, (20, 3))
     wanted = geometry.signed_distance(points)
-    honest = type(geometry.query).__call__
+    honest = type(geometry.shell.query).__call__
 
     def lying(self, points):
         claimed, face = honest(self, points)
         claimed[::3], claimed[1::3] = np.nan, -1.8e308
         return claimed, np.zeros_like(face)
 
-    monkeypatch.setattr(type(geometry.query), "__call__", lying)
+    monkeypatch.setattr(type(geometry.shell.query), "__call__", lying)
     for got, want in zip(geometry.signed_distance(points), wanted, strict=True):
         np.testing.assert_allclose(got, want, atol=1e-12)
 
