@@ -30,6 +30,8 @@ from harness_opt.parts.winding import Winding
 # of the largest coordinate in the file: gaps narrower than that count as closed. Corners in single precision are off
 # by 6e-8 of it along each axis, so that two faces in one plane come apart by 2e-7 of it at most.
 CLOSED_GAP = 5e-7
+FINEST = 1e-3  # of the gap: nothing narrower is cut off, it is rounding
+NARROW = 10.0  # of that: what is narrower may border on the outside in parts only, and is left out
 FLAT_PIECE = 1e-9  # height over longest edge below which a triangle of a piece is left out: coal needs an area
 
 Point = tuple[float, float]
@@ -52,10 +54,10 @@ def outer_surface(shell: Shell, gap: float) -> Shell | None:
     patch = _patches(faces, np.unique(cuts.face))
     if len(distinct) == len(shell.faces) and patch.max() == 0:
         return None
-    pieces = _pieces(planes, cuts, patch)
+    pieces = _pieces(planes, cuts, patch, FINEST * gap)
     side = _outer_sides(shell, planes, pieces, gap)
     whole = np.zeros(len(faces))  # +-1 where the outside is along or against the normal of the whole triangle
-    uncut = ~np.isin(np.arange(len(faces)), pieces.face[pieces.cut])
+    uncut = ~np.isin(np.arange(len(faces)), pieces.crossed)
     of_patch = np.zeros(patch.max() + 1)
     of_patch[patch[pieces.face[~pieces.cut]]] = side[~pieces.cut]
     whole[uncut] = of_patch[patch[uncut]]
@@ -102,23 +104,25 @@ class _Pieces:
     """What is asked for its sides, n of them: parts of triangles that are cut, and one triangle of each patch.
 
     Args:
+        crossed: (c,), the triangles that are cut.
         face: (n,), the triangle.
         cut: (n,), whether it is a part of it.
         polygons: n, in the axes of the triangle, m; empty for whole triangles.
         middle: (n, 3), a point in each, m.
     """
 
+    crossed: Indices
     face: Indices
     cut: NDArray[np.bool_]
     polygons: list[Polygon]
     middle: Array
 
 
-def _pieces(planes: Planes, cuts: Crossings, patch: Indices) -> _Pieces:
+def _pieces(planes: Planes, cuts: Crossings, patch: Indices, finest: float) -> _Pieces:
     """Return the pieces of what is cut by ``cuts``, and the largest triangle of each patch of the rest."""
-    finest = 1e-3 * CLOSED_GAP * float(np.abs(planes.corners).max())  # m; what is narrower is rounding
     faces: list[int] = []
     polygons: list[Polygon] = []
+    crossed: list[int] = []
     order = np.argsort(cuts.face, kind="stable")
     start, end = cuts.start[order].tolist(), cuts.end[order].tolist()
     face, first = np.unique(cuts.face[order], return_index=True)
@@ -126,17 +130,19 @@ def _pieces(planes: Planes, cuts: Crossings, patch: Indices) -> _Pieces:
         whole = [(x, y) for x, y in planes.flat[one].tolist()]
         parts = _cut(whole, zip(start[low:high], end[low:high], strict=True), finest)
         if len(parts) > 1:
+            parts = [part for part in parts if _width(part) > NARROW * finest]
             faces += [one] * len(parts)
             polygons += parts
-    cut_faces = np.unique(np.array(faces, dtype=np.int64))
+            crossed.append(one)
     size = lengths(np.cross(planes.corners[:, 1] - planes.corners[:, 0], planes.corners[:, 2] - planes.corners[:, 0]))
     largest = np.lexsort((-size, patch))
     largest = largest[np.unique(patch[largest], return_index=True)[1]]
-    largest = largest[~np.isin(largest, cut_faces)]
+    largest = largest[~np.isin(largest, crossed)]
     at = np.array([_middle(polygon) for polygon in polygons]).reshape(-1, 2)
     own = np.array(faces, dtype=np.int64)
     middle = planes.corners[own, 0] + np.einsum("ni,nij->nj", at, planes.axes[own, :2])
     return _Pieces(
+        crossed=np.array(crossed, dtype=np.int64),
         face=np.concatenate([own, largest]),
         cut=np.arange(len(own) + len(largest)) < len(own),
         polygons=polygons + [[]] * len(largest),
@@ -186,14 +192,21 @@ def _halves(piece: Polygon, off: list[float]) -> tuple[Polygon, Polygon, Polygon
     return left, right, doors
 
 
+def _width(polygon: Polygon) -> float:
+    """Return about how wide a convex polygon is, m: its area over its longest reach from a corner."""
+    (ax, ay), area, reach = polygon[0], 0.0, 0.0
+    for (bx, by), (cx, cy) in pairwise(polygon[1:]):
+        area += (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        reach = max(reach, math.hypot(bx - ax, by - ay), math.hypot(cx - ax, cy - ay))
+    return area / reach if reach > 0 else 0.0
+
+
 def _middle(polygon: Polygon) -> Point:
-    """Return the centroid of a convex polygon."""
+    """Return the centroid of a convex polygon that has an area."""
     (ax, ay), total, u, v = polygon[0], 0.0, 0.0, 0.0
     for (bx, by), (cx, cy) in pairwise(polygon[1:]):
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         total, u, v = total + area, u + area * (ax + bx + cx), v + area * (ay + by + cy)
-    if total == 0:
-        return ax, ay
     return u / (3 * total), v / (3 * total)
 
 
