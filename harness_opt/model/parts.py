@@ -10,7 +10,6 @@ from harness_opt.model.bodies import WORLD
 from harness_opt.model.checks import Quaternion, Vector
 from harness_opt.numerics import rotations
 
-
 Y_UP = (".glb", ".gltf")  # formats whose y axis points up: glTF 2.0, section 3.4
 
 

@@ -30,6 +30,7 @@ from harness_opt.parts.winding import Winding
 # of the largest coordinate in the file: gaps narrower than that count as closed. Corners in single precision are off
 # by 6e-8 of it along each axis, so that two faces in one plane come apart by 2e-7 of it at most.
 CLOSED_GAP = 5e-7
+FEW_FACES = 200  # of a body, up to which all are summed for the sides of its pieces, which are many
 FINEST = 1e-3  # of the gap: nothing narrower is cut off, it is rounding
 NARROW = 10.0  # of that: what is narrower may border on the outside in parts only, and is left out
 FLAT_PIECE = 1e-9  # height over longest edge below which a triangle of a piece is left out: coal needs an area
@@ -61,7 +62,11 @@ def outer_surface(shell: Shell, gap: float) -> Shell | None:
     of_patch = np.zeros(patch.max() + 1)
     of_patch[patch[pieces.face[~pieces.cut]]] = side[~pieces.cut]
     whole[uncut] = of_patch[patch[uncut]]
-    if np.all(uncut) and np.all(whole) and len(distinct) == len(shell.faces):
+    for way in (1.0, -1.0):  # what was cut for nothing stays whole
+        agree = np.bincount(pieces.face[pieces.cut], weights=side[pieces.cut] == way, minlength=len(faces))
+        count = np.bincount(pieces.face[pieces.cut], minlength=len(faces))
+        whole[(count > 0) & (agree == count)] = way
+    if np.all(whole) and len(distinct) == len(shell.faces):
         return None
     return _joined(shell, faces, planes, whole, pieces, side)
 
@@ -239,7 +244,7 @@ def _bodies(shell: Shell) -> list[tuple[Array, Array, Winding]]:
         corners = vertices[faces[group]]
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        bodies.append((lower, upper, Winding.of(vertices, faces[group], areas)))
+        bodies.append((lower, upper, Winding.of(vertices, faces[group], areas, FEW_FACES)))
     return bodies
 
 
@@ -260,27 +265,21 @@ def _holds(bodies: list[tuple[Array, Array, Winding]], points: Array) -> NDArray
 def _joined(shell: Shell, faces: Indices, planes: Planes, whole: Array, pieces: _Pieces, side: Array) -> Shell | None:
     """Return the triangles that are surface, whole ones and parts; None where there are none."""
     kept = np.flatnonzero(whole)
-    corners: list[Array] = []
-    sides: list[float] = []
-    for k in np.flatnonzero(pieces.cut & (side != 0)):
-        face = pieces.face[k]
-        flat = np.array(pieces.polygons[k])
-        space = planes.corners[face, 0] + flat @ planes.axes[face, :2]
-        for j in range(1, len(space) - 1):
-            triangle = space[[0, j, j + 1]]
-            edges = triangle[[1, 2, 0]] - triangle
-            if lengths(np.cross(edges[0], edges[1])[None])[0] > FLAT_PIECE * lengths(edges).max() ** 2:
-                corners.append(triangle)
-                sides.append(float(side[k]))
-    parts = np.array(corners).reshape(-1, 3, 3)
-    own = np.arange(3 * len(parts)).reshape(-1, 3) + len(shell.vertices)
+    own, sides, fans = [], [], []
+    for k in np.flatnonzero(pieces.cut & (side != 0) & (whole[pieces.face] == 0)).tolist():
+        polygon = pieces.polygons[k]
+        fans += [(polygon[0], *edge) for edge in pairwise(polygon[1:])]
+        own += [pieces.face[k]] * (len(polygon) - 2)
+        sides += [side[k]] * (len(polygon) - 2)
+    face, flat = np.array(own, dtype=np.int64), np.array(fans).reshape(-1, 3, 2)
+    parts = planes.corners[face, :1] + np.einsum("nci,nij->ncj", flat, planes.axes[face, :2])
+    edges = parts[:, [1, 2, 0]] - parts
+    solid = lengths(np.cross(edges[:, 0], edges[:, 1])) > FLAT_PIECE * lengths(edges).max(axis=1) ** 2
+    parts, outward = parts[solid], (planes.axes[face, 2] * np.array(sides).reshape(-1, 1))[solid]
     if not len(kept) + len(parts):
         return None
-    outward = planes.axes[kept, 2] * whole[kept, None]
-    normals = np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0])
-    normals *= (np.array(sides) / lengths(normals))[:, None]
     return Shell.of(
         np.concatenate([shell.vertices, parts.reshape(-1, 3)]),
-        np.concatenate([faces[kept], own]),
-        np.concatenate([outward, normals]),
+        np.concatenate([faces[kept], np.arange(3 * len(parts)).reshape(-1, 3) + len(shell.vertices)]),
+        np.concatenate([planes.axes[kept, 2] * whole[kept, None], outward]),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
-from harness_opt.parts.orientation import winding_numbers
+from harness_opt.parts.orientation import PAIRS_AT_A_TIME, winding_numbers
 
 FEW_FACES = 5_000  # up to here a winding number is summed triangle by triangle
 DIPOLE_FROM = 2.5  # radii of a cluster beyond which it is a dipole: wrong by 0.03 turns at most where measured
@@ -38,9 +38,10 @@ class Winding:
     clusters: Clusters | None = field(repr=False)
 
     @staticmethod
-    def of(vertices: Array, faces: Indices, areas: Array) -> Winding:
-        """Return the winding numbers of triangles, arguments as for the class."""
-        return Winding(vertices, faces, areas, Clusters.of(vertices[faces], areas) if len(faces) > FEW_FACES else None)
+    def of(vertices: Array, faces: Indices, areas: Array, few: int = FEW_FACES) -> Winding:
+        """Return the winding numbers of triangles, in clusters where they are more than ``few``; else as the class."""
+        clusters = Clusters.of(vertices[faces], areas) if len(faces) > few else None
+        return Winding(vertices, faces, areas, clusters)
 
     def exact(self, points: Array) -> Array:
         """Return the winding numbers (n,) of ``points`` (n, 3), m, every triangle summed."""
@@ -50,27 +51,36 @@ class Winding:
         """Return the winding numbers (n,) of ``points`` (n, 3), m, which lie off the surface; whole numbers."""
         if self.clusters is None:
             return np.rint(self.exact(points))
-        return np.array([self._turns(self.clusters, point) for point in points])
+        step = max(1, PAIRS_AT_A_TIME // len(self.clusters.members))
+        blocks = [self._turns(self.clusters, points[first : first + step]) for first in range(0, len(points), step)]
+        return np.concatenate([np.zeros(0), *blocks])
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
         """Return whether ``points`` (n, 3), m, off the surface, are inside (n,): whether their number is not 0."""
         held: NDArray[np.bool_] = self.turns(points) != 0
         return held
 
-    def _turns(self, clusters: Clusters, point: Array) -> float:
-        """Return the winding number of one point (3,), m."""
-        offset = clusters.centre - point
+    def _turns(self, clusters: Clusters, points: Array) -> Array:
+        """Return the winding numbers (n,) of ``points`` (n, 3), m, not many at once."""
+        offset = clusters.centre - points[:, None]
         distance = lengths(offset)
         near = distance < DIPOLE_FROM * clusters.radius
-        dipoles = dots(clusters.area, offset)[~near] / distance[~near] ** 3
-        turns = np.sum(dipoles) / (4 * np.pi)
-        faces = [clusters.members[k] for k in np.flatnonzero(near)]
-        if faces:
-            some = np.concatenate(faces)
-            turns += winding_numbers(point[None], self.vertices[self.faces[some]], self.areas[some])[0]
-        if abs(turns - round(turns)) < WHOLE:
-            return float(round(turns))
-        return float(np.rint(self.exact(point[None])[0]))
+        dipoles = dots(clusters.area, offset) / np.where(near, np.inf, distance) ** 3
+        turns = dipoles.sum(axis=1) / (4 * np.pi)
+        if len(points) == 1:  # all near clusters in one
+            groups = [np.concatenate([clusters.members[k] for k in np.flatnonzero(near[0])])] if np.any(near) else []
+            asked = [np.zeros(1, dtype=np.int64)] * len(groups)
+        else:
+            groups = list(clusters.members)
+            asked = [np.flatnonzero(column) for column in near.T]
+        for some, who in zip(groups, asked, strict=True):
+            if len(who):
+                turns[who] += winding_numbers(points[who], self.vertices[self.faces[some]], self.areas[some])
+        doubtful = np.abs(turns - np.rint(turns)) >= WHOLE
+        if np.any(doubtful):
+            turns[doubtful] = self.exact(points[doubtful])
+        whole: Array = np.rint(turns)
+        return whole
 
 
 @dataclass(frozen=True, eq=False)
