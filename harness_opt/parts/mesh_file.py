@@ -43,7 +43,7 @@ def read_mesh(key: str, mesh: MeshFile) -> tuple[Array, Indices, bool]:
     """
     vertices, faces = _read(key, mesh)
     if mesh.up_axis == "y":
-        vertices = vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
+        vertices = vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]  # (x, -z, y)
     closed, faces = closing(faces)
     if not (closed or mesh.shell):
         raise ProblemError(

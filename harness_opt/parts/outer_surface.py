@@ -32,7 +32,7 @@ from harness_opt.parts.winding import Winding
 CLOSED_GAP = 5e-7
 FEW_FACES = 200  # of a body, up to which all are summed for the sides of its pieces, which are many
 FINEST = 1e-3  # of the gap: nothing narrower is cut off, it is rounding
-NARROW = 10.0  # of that: what is narrower may border on the outside in parts only, and is left out
+NARROW = 3.0  # gaps: a piece that narrow is left out, it may be the bottom of a gap that counts as closed
 FLAT_PIECE = 1e-9  # height over longest edge below which a triangle of a piece is left out: coal needs an area
 
 Point = tuple[float, float]
@@ -55,7 +55,7 @@ def outer_surface(shell: Shell, gap: float) -> Shell | None:
     patch = _patches(faces, np.unique(cuts.face))
     if len(distinct) == len(shell.faces) and patch.max() == 0:
         return None
-    pieces = _pieces(planes, cuts, patch, FINEST * gap)
+    pieces = _pieces(planes, cuts, patch, gap)
     side = _outer_sides(shell, planes, pieces, gap)
     whole = np.zeros(len(faces))  # +-1 where the outside is along or against the normal of the whole triangle
     uncut = ~np.isin(np.arange(len(faces)), pieces.crossed)
@@ -123,7 +123,7 @@ class _Pieces:
     middle: Array
 
 
-def _pieces(planes: Planes, cuts: Crossings, patch: Indices, finest: float) -> _Pieces:
+def _pieces(planes: Planes, cuts: Crossings, patch: Indices, gap: float) -> _Pieces:
     """Return the pieces of what is cut by ``cuts``, and the largest triangle of each patch of the rest."""
     faces: list[int] = []
     polygons: list[Polygon] = []
@@ -133,9 +133,9 @@ def _pieces(planes: Planes, cuts: Crossings, patch: Indices, finest: float) -> _
     face, first = np.unique(cuts.face[order], return_index=True)
     for one, low, high in zip(face.tolist(), first.tolist(), np.append(first, len(order))[1:].tolist(), strict=True):
         whole = [(x, y) for x, y in planes.flat[one].tolist()]
-        parts = _cut(whole, zip(start[low:high], end[low:high], strict=True), finest)
+        parts = _cut(whole, zip(start[low:high], end[low:high], strict=True), FINEST * gap)
         if len(parts) > 1:
-            parts = [part for part in parts if _width(part) > NARROW * finest]
+            parts = [part for part in parts if _width(part) > NARROW * gap]
             faces += [one] * len(parts)
             polygons += parts
             crossed.append(one)

@@ -13,12 +13,13 @@ from harness_opt.errors import ProblemError
 from harness_opt.model.parts import Box, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
-from harness_opt.parts.scene import Mesh, load_scene
+from harness_opt.parts.nearest import Shell
+from harness_opt.parts.scene import load_scene
 from oracles.scenes import MESHES, POSE, SHAPES, load_mesh, problem_with
 from oracles.scripts import script
 
 
-def _brute(geometry: Mesh, points):
+def _brute(geometry: Shell, points):
     """Distances to every triangle, one point at a time: to its plane where the foot is inside, else edges."""
     a, b, c = geometry.vertices[geometry.faces].swapaxes(0, 1)
     normal = np.cross(b - a, c - a)
@@ -81,7 +82,7 @@ def test_mesh_against_every_triangle(name, tmp_path, rng):
     for local in (around, planes, surface):
         points = POSE["position"] + rotations.rotate(POSE["quaternion"], 1e-3 * local)
         distance, gradient, nearest = geometry.signed_distance(points)
-        exact = _brute(geometry, points)
+        exact = _brute(geometry.outer, points)
         np.testing.assert_allclose(np.abs(distance), exact, atol=1e-14)
         np.testing.assert_allclose(np.linalg.norm(points - nearest, axis=1), exact, atol=1e-14)
         np.testing.assert_allclose(np.linalg.norm(gradient, axis=1), 1.0, atol=1e-9)
