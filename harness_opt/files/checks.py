@@ -134,7 +134,7 @@ def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
     if len(shapes) != 1:
         found = " and ".join(shapes) or "no shape"
         yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
-    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell")):
+    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell"), ("up", "an axis")):
         if key in part and "mesh" not in part:
             yield (*path, key), f"found {words} without a mesh, expected it beside mesh only"
     if value(part, "mesh") is not None:

@@ -344,7 +344,7 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
 
 
 def _limits(limits: file_schema.LimitsTable) -> Limits:

@@ -33,6 +33,7 @@ from harness_opt.files.values import (
     Table,
     TableKind,
     Text,
+    UpAxis,
     Vector,
     Whole,
     one_of,
@@ -198,7 +199,7 @@ class PartTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [{"required": [shape]} for shape in PART_SHAPES],
-            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell")},
+            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell", "up")},
             "if": {
                 "required": ["mesh"],
                 "properties": {"mesh": {"pattern": r"\.([sS][tT][lL]|[oO][bB][jJ]|[pP][lL][yY])$"}},
@@ -220,6 +221,11 @@ class PartTable(Table):
     shell: bool = Field(
         default=False,
         description="Whether a mesh that is not closed will do; a cable inside such a shell goes unnoticed.",
+    )
+    up: UpAxis | None = Field(
+        default=None,
+        description="The mesh's axis that points up; y is turned to z, (x, y, z) to (x, -z, y). Left out, it is y "
+        "for GLB and glTF, as their specification says, and z for STL, OBJ and PLY, which say nothing.",
     )
     box: BoxTable | None = Field(default=None, description="A box instead of a mesh.")
     cylinder: CylinderTable | None = Field(default=None, description="A cylinder instead of a mesh.")

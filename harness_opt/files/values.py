@@ -36,6 +36,7 @@ SHORTEST = 1e-100  # direction, in any unit: its square must not vanish
 LONGEST_SHOWN = 60  # characters of a wrong value that a message repeats
 
 MESH_UNITS = ("m", "cm", "mm", "in")
+UP_AXES = ("y", "z")
 
 
 def shown(value: object) -> str:
@@ -175,6 +176,7 @@ def coupling(text: str) -> tuple[str, float, float] | None:
 
 
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]
+UpAxis = Annotated[Literal["y", "z"], Expected(one_of(UP_AXES))]
 
 
 class Table(BaseModel):

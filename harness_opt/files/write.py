@@ -228,6 +228,7 @@ def _shape_rows(shape: MeshFile | Solid, places: Places) -> Rows:
             ("mesh_unit", shape.unit, ""),
             ("mesh_sha256", places.sha256_of(shape.path), ""),
             ("shell", True if shape.shell else None, ""),
+            ("up", shape.up, ""),
         ]
     if isinstance(shape, Box):
         return [("box", _inline([("size", _numbers(shape.size), "")]), "m")]

@@ -20,6 +20,7 @@ from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.mesh import Mesh
 from harness_opt.parts.mesh_file import read_mesh
 from harness_opt.parts.mesh_headers import MOST_FACES
+from harness_opt.parts.outer_surface import CLOSED_GAP
 from harness_opt.parts.primitives import Primitive
 
 __all__ = ["Geometry", "Mesh", "Primitive", "Scene", "load_scene"]
@@ -72,8 +73,9 @@ def _geometry(name: str, part: Part) -> Geometry:
     shape = part.shape
     if isinstance(shape, MeshFile):
         vertices, faces, closed = read_mesh(f"parts.{name}.mesh", shape)
+        gap = CLOSED_GAP * float(np.abs(vertices).max())  # before the pose: it was the file that rounded
         vertices = part.position + rotations.rotate(part.quaternion, vertices)
-        return Mesh.of(name, part.body, vertices, faces, closed)
+        return Mesh.of(name, part.body, vertices, faces, closed, gap)
     for key, size in vars(shape).items():
         numbers = np.atleast_1d(np.asarray(size, dtype=float))
         if not (np.all(np.isfinite(numbers)) and np.all(numbers > 0)):

@@ -127,8 +127,8 @@ def _part(problem: Problem, name: str, part: Part, geometry: Geometry) -> Json:
         "closed": geometry.closed,
         "clearance": problem.clearance_limit(name),
     }
-    if isinstance(geometry, Mesh):
-        entry |= {"file": part.shape.path.name, "triangles": len(geometry.faces)}  # type: ignore[union-attr]
+    if isinstance(part.shape, MeshFile) and isinstance(geometry, Mesh):
+        entry |= {"file": part.shape.path.name, "up": part.shape.up_axis, "triangles": len(geometry.faces)}
     return entry
 
 
@@ -218,7 +218,8 @@ def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:
         what = part["kind"]
         if what == "mesh":
             surface = "closed" if part["closed"] else "open, so a shell"
-            what = f"mesh {part['file']}, {part['triangles']} triangles, {surface}"
+            up = "y up, turned to z" if part["up"] == "y" else "z up"
+            what = f"mesh {part['file']}, {up}, {part['triangles']} triangles, {surface}"
         limit = "no limit" if part["clearance"] is None else f"at least {_mm(part['clearance'])} mm clear"
         yield f"Part {name}, of {part['body']}: {what}; {limit}"
         yield f"  box from {_place(part['lower'])} to {_place(part['upper'])} mm"
