@@ -34,7 +34,12 @@ class Refused(ValueError):
     """
 
     def __init__(self, found: str, expected: str = MESH):
+        self._words = found, expected
         super().__init__(f"found {found}, expected {expected}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes it anew in another process."""
+        return type(self), self._words
 
 
 def beside(file: Path, most_bytes: int) -> dict[str, bytes]:
