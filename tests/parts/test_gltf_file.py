@@ -190,7 +190,7 @@ def test_nodes_place_turn_scale_and_mirror(tmp_path):
         for part in (
             CORNERS @ [[0, 2, 0], [-1, 0, 0], [0, 0, 1]] + [1, 2, 3],
             CORNERS * [-1, 1, 1],
-            CORNERS + [5, 6, 7],
+            CORNERS + np.array([5, 6, 7]),
         )
     }
     assert {tuple(np.round(part.reshape(-1, 3).min(axis=0), 9)) for part in found} == expected
