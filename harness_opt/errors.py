@@ -43,6 +43,10 @@ class ProblemError(HarnessError):
         self.mistakes: tuple[str, ...] = (mistakes,) if isinstance(mistakes, str) else tuple(mistakes)
         super().__init__("\n".join(self.mistakes))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes it anew in another process."""
+        return type(self), (self.mistakes,)
+
 
 class CompilerError(HarnessError):
     """Functions can't be compiled here; without that everything works the same, but slower."""
@@ -61,3 +65,7 @@ class SolveError(HarnessError):
         self.status = status
         self.partial = partial
         super().__init__(message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes it anew in another process, what was solved until then with it."""
+        return type(self), (str(self), self.status, self.partial)

@@ -56,6 +56,25 @@ class CableSearch(Search):
         self._gap, self._radii = pair.gap, pair.radii
         self._error = sum(curve.error for curve in curves)
 
+    def certificate(self) -> Certificate:
+        """See :meth:`Search.certificate`; boxes tell of cables that stay far apart, and of most pairs of many."""
+        for curve in self.curves:
+            curve.complete()
+        best = float(self._best.clearance[0])
+        if self._gap <= 0 and best > self.task.far and (bound := self._apart_in_boxes()) >= self.task.horizon:
+            return Certificate(self._best, self._at, min(bound, best), "")
+        return super().certificate()
+
+    def _apart_in_boxes(self) -> float:
+        """Return a bound below all clearances, by the boxes that the cables sweep between two frames, m."""
+        times = self.times
+        middle = 0.5 * (times[1:] + times[:-1])
+        (low, high), (other_low, other_high) = (
+            tuple(corner[curve.interval(middle)] for corner in curve.boxes) for curve in self.curves
+        )
+        between = np.maximum(np.maximum(low - other_high, other_low - high), 0.0)
+        return float(lengths(between).min()) - self._radii
+
     def first_cells(self) -> tuple[Cells, float]:
         """See :meth:`Search.first_cells`: between stations and frames, by balls round the corners of each arc.
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from harness_opt.clearance.centreline import Curve, balls, closest_on_segments, sag
 from harness_opt.clearance.what_counts import Domain, least_gap
-from harness_opt.clearance.witnesses import Found, Task, Witnesses, local_minima
+from harness_opt.clearance.witnesses import FAR_SHARE, Found, Task, Witnesses, local_minima
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, lengths
 
@@ -31,6 +31,9 @@ def against_cable(task: Task, curves: CurvePair) -> Found:
         task: the cable.
         curves: its centreline and the other's, in the same coordinates.
     """
+    far = curves.far_apart(task)
+    if far is not None:
+        return far
     places: list[tuple[Indices, Array, Array]] = []  # of the local minima
     left: list[tuple[Indices, Array, Array]] = []  # cells that may yet hold something smaller
     best = settled = math.inf
@@ -54,6 +57,11 @@ def all_found(several: Sequence[Found]) -> Found:
     before = np.cumsum([0, *(len(found.samples.frame) for found in several[:-1])])
     minima = np.concatenate([found.minima + offset for found, offset in zip(several, before, strict=True)])
     return Found(Witnesses.joined([found.samples for found in several]), minima, min(found.bound for found in several))
+
+
+def _every(stride: int, count: int) -> Indices:
+    """Return every so many of ``count`` stations, the last one too."""
+    return np.unique(np.append(np.arange(0, count, stride), count - 1))
 
 
 def _joined(several: Sequence[tuple[Indices, Array, Array]]) -> tuple[Indices, Array, Array]:
@@ -155,6 +163,34 @@ class CurvePair:
         sags = sag(b - a, lengths(u)) + sag(d - c, lengths(v))
         value = lengths(self.one.at(frame, s) - self.other.at(frame, t))
         return s, t, value - self.radii, chords - sags - self.radii
+
+    def far_apart(self, task: Task) -> Found | None:
+        """Return the nearest stations of two cables that are far apart in every frame, by every so many; else None.
+
+        Boxes round both say so; as many stations are left out as the tolerance for what is far away allows.
+        """
+        (low, high), (other_low, other_high) = (
+            (curve.position.min(axis=1), curve.position.max(axis=1)) for curve in (self.one, self.other)
+        )
+        between = np.maximum(np.maximum(low - other_high, other_low - high), 0.0)
+        step = max(float(np.diff(curve.s).max()) for curve in (self.one, self.other))
+        apart = float(lengths(between).min()) - step - self.radii  # cubics leave the box of their stations by less
+        stride = int(FAR_SHARE * apart / step) if math.isfinite(task.far) and apart > task.far else 0
+        if self.gap > 0 or stride < 1:
+            return None
+        rows, columns = (_every(stride, len(curve.s)) for curve in (self.one, self.other))
+        frame = np.arange(len(self.one.position))
+        chunk = max(1, PAIRS // (len(rows) * len(columns)))
+        nearest = [
+            np.sum((self.one.position[some][:, rows, None] - self.other.position[some][:, None, columns]) ** 2, axis=-1)
+            .reshape(len(some), -1)
+            .argmin(axis=1)
+            for some in np.split(frame, range(chunk, len(frame), chunk))
+        ]
+        i, j = np.divmod(np.concatenate(nearest), len(columns))
+        samples = self.witnesses(frame, self.one.s[rows[i]], self.other.s[columns[j]])
+        none = np.zeros(0, dtype=np.int64)
+        return Found(samples, none, float(samples.clearance.min()) - stride * step)
 
     def candidates(self, horizon: float) -> tuple[Indices, Indices, Array, float]:
         """Return the cells between stations that can hold a clearance that matters.

@@ -100,7 +100,7 @@ def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice
         result, measured = _measured(result, scene, wanted.tolerance, interrupts.stopping)
         result = timed(result, load=loaded, total=time.perf_counter() - begin)
         part = result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
-        summary, place = _kept(wanted, folder, part, (result, measured, command), voice)
+        summary, place = _kept(wanted, folder, part, (result, measured, command), scene, voice)
         interrupts.patient = False
         try:
             interrupts.stop_here()
@@ -146,7 +146,9 @@ def _loaded(file: Path, folder: Path, wanted: Wanted, interrupts: Interrupts) ->
     return problem, scene
 
 
-def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[Summary, Path | None]:
+def _kept(
+    wanted: Wanted, folder: Path, interrupted: bool, found: _Found, scene: Scene, voice: Voice
+) -> tuple[Summary, Path | None]:
     """Write what was found; return its summary and the folder, or None where nothing was written."""
     from harness_opt.report.result_files import write_results
     from harness_opt.report.summary import summary
@@ -161,7 +163,7 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
 
         folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
     try:
-        return write_results(result, folder, measured=measured, command=command), folder
+        return write_results(result, folder, measured=measured, command=command, scene=scene), folder
     except ProblemError:  # what was found is not lost with the disk
         _show(wanted, summary(result, measured, command=command), None, voice)
         raise
@@ -248,12 +250,12 @@ def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> S
     begin = time.perf_counter()
     page = functools.partial(write_page, prepare(result, measured, scene))
     result = timed(result, report=time.perf_counter() - begin)
-    content = write_results(result, folder, measured=measured, command=command, page=page)
+    content = write_results(result, folder, measured=measured, command=command, page=page, scene=scene)
     try:
         from harness_opt.pictures.film import write_pictures_and_film
 
         draw = functools.partial(write_pictures_and_film, clearances=measured)
-        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page)
+        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page, scene=scene)
     except ProblemError:  # the folder cannot be written any more
         raise
     except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers

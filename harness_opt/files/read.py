@@ -45,6 +45,7 @@ DEEPEST = 32  # tables within tables; none of ours lies deeper than five
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""  # of a dotted key, bare or quoted
 LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PART}[.\]=]")
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
+NEAR = 20  # letters that are shown around one that cannot be written
 MOST_MISTAKES = 200  # that are told one by one
 MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
 MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
@@ -106,7 +107,12 @@ def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
         raise ProblemError(f"{file}: found a folder, expected the name of a file to write")
     try:
         text, tables = problem_text(problem, file)
-        content = text.encode()
+        try:
+            content = text.encode()
+        except UnicodeEncodeError as error:
+            name = shown(text[max(error.start - NEAR, 0) : error.end + NEAR].encode("utf-8", "replace").decode())
+            words = f"found the name of a mesh or table that is no UTF-8, near {name}, expected one that TOML can hold"
+            raise ProblemError(f"{file}: {words}") from None
         # the proof that it can be read, before anything is touched
         parse_problem(content, Places.around(file.parent), file, pending=tables)
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -80,7 +80,7 @@ def write_tables(folder: Path, results: Sequence[VariantResult]) -> list[str]:
         ProblemError: the disk refuses.
     """
     table = columns(results)
-    write_bytes(folder / CSV, csv_text(table).encode())
+    write_bytes(folder / CSV, csv_text(table).encode("utf-8", "replace"))
     if importlib.util.find_spec("pyarrow") is None:
         return [CSV]
     import pyarrow

@@ -262,7 +262,7 @@ def test_certificates_end_with_the_time_and_say_so(here, capsys, monkeypatch):
     rows = [row for row in content["limits"] if row["name"] == "clearance"]
     assert rows and not any(row["certified"] for row in rows)
     assert {row["reason"] for row in rows} == {STOPPED}
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json"], "no time for pictures"
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "used"], "no time for pictures"
 
 
 def test_a_solve_that_never_comes_to_a_safe_point_is_cut_off(here, monkeypatch):

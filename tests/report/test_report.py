@@ -240,7 +240,7 @@ def test_motion_is_plain_arrays(motion, tmp_path):
 def test_what_is_written_reads_back(motion, tmp_path):
     content = write_results(motion, tmp_path / "a" / "b")
     assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["b"]
-    assert content["files"] == ["motion.npz", "summary.json"]
+    assert content["files"] == ["motion.npz", "summary.json", "used"]
     again = read_results(tmp_path / "a" / "b")
     assert again.summary == content
     assert strict((tmp_path / "a" / "b" / "summary.json").read_text()) == content
@@ -251,7 +251,7 @@ def test_what_is_written_reads_back(motion, tmp_path):
 
 def test_a_redesign_writes_a_problem_that_holds(design, tmp_path):
     write_results(design, tmp_path / "out")
-    names = ["before.npz", "motion.npz", "redesigned.toml", "summary.json"]
+    names = ["before.npz", "motion.npz", "redesigned.toml", "summary.json", "used"]
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == names
     again = simulate(read_problem(tmp_path / "out" / "redesigned.toml"))
     assert summary(again)["status"] == "ok"
@@ -263,7 +263,7 @@ def test_an_earlier_result_gives_way_and_other_files_stay(motion, tmp_path):
     write_results(dataclasses.replace(motion, message="old"), out, pictures=_draw("old.png"))
     (out / "notes.txt").write_text("mine")
     write_results(motion, out)
-    assert sorted(p.name for p in out.iterdir()) == ["motion.npz", "notes.txt", "summary.json"]
+    assert sorted(p.name for p in out.iterdir()) == ["motion.npz", "notes.txt", "summary.json", "used"]
     assert read_results(out).summary["message"] == ""
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
@@ -280,7 +280,7 @@ def _draw(name: str, error: BaseException | None = None):
 
 def test_pictures_are_part_of_the_folder(motion, tmp_path):
     content = write_results(timed(motion, total=1.0), tmp_path / "out", pictures=_draw("worst.png"))
-    assert content["files"] == ["motion.npz", "summary.json", "worst.png"]
+    assert content["files"] == ["motion.npz", "summary.json", "used", "worst.png"]
     assert "pictures" not in content["left_out"]
     assert content["timing"]["total"] == 1.0 + content["timing"]["pictures"]
 
