@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationError
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import core_schema
 
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
@@ -38,6 +36,7 @@ from harness_opt.files.values import (
     Whole,
     one_of,
     only_integer,
+    schema_of,
     shown,
 )
 
@@ -347,25 +346,6 @@ def structured(
 def schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of the problem file, with units and words on every key."""
     return schema_of(ProblemTable, "Problem file of harness-opt")
-
-
-def schema_of(table: type[Table], title: str) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a file whose keys are those of ``table``."""
-    generated = table.model_json_schema(schema_generator=_FileSchema)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated, "title": title}
-
-
-class _FileSchema(GenerateJsonSchema):
-    """JSON Schema without null: TOML has none, an optional key is left out instead."""
-
-    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
-        """Return the schema of what is not null."""
-        return self.generate_inner(schema["schema"])
-
-    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        """Return the schema with its default, unless that is null or a table of nulls."""
-        generated = super().default_schema(schema)
-        return {k: v for k, v in generated.items() if k != "default" or not isinstance(v, dict | None)}
 
 
 def _copied(value: Any) -> Any:
