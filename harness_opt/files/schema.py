@@ -57,8 +57,12 @@ class EndTable(Table):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "allOf": [*_not_both("position", "force"), *_not_both("quaternion", "tangent", "moment")],
-            "dependentRequired": {"roll_deg": ["tangent"]},
+            "allOf": [
+                clash
+                for keys in (("position", "force"), ("quaternion", "tangent", "moment"), ("roll", "roll_deg"))
+                for clash in _not_both(*keys)
+            ],
+            "dependentRequired": {"roll": ["tangent"], "roll_deg": ["tangent"]},
         }
     )
 
@@ -76,12 +80,19 @@ class EndTable(Table):
     )
     roll_deg: Number | None = Field(
         default=None,
-        description="Turns the section about its tangent, from d1 = body x seen on the section, degrees.",
+        description="Fixes the section's roll about its tangent by hand, from d1 = body x seen on the section "
+        "(body y where the tangent lies along x), degrees.",
+    )
+    roll: Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted", "free")))] | None = Field(
+        default=None,
+        description="Of an end with a tangent, untwisted where neither this nor roll_deg is given: held as the cable "
+        "carries no twisting moment where it is fitted (fitted_at), plus turns; free: turns about its tangent always.",
     )
     moment: Vector | None = Field(default=None, description="Dead moment on the cable at this end, world, N m.")
-    turns: Whole = Field(
+    turns: Number = Field(
         default=0,
-        description="At the end only: whole turns added to the smallest twist that joins the two clamps.",
+        description="Any number by which an untwisted end is turned on, once fitted; else, at the cable's end only, "
+        "whole turns added to the smallest twist that joins the two clamps.",
     )
 
 
@@ -106,6 +117,9 @@ class CableTable(Table):
     bow: Direction | None = Field(
         default=None,
         description="World direction to which the cable bows between its ends in the starting shape.",
+    )
+    fitted_at: Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")] = Field(
+        default=0.0, description="Motion value, 0 to 1, at which an untwisted end is clamped."
     )
     start: EndTable = Field(description="What holds the cable at arc length 0.")
     end: EndTable = Field(description="What holds the cable at its full length.")

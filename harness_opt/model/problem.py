@@ -6,8 +6,8 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.design import Design, Limits, Robust
 from harness_opt.model.parts import MeshFile, Part
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
 
@@ -101,6 +102,25 @@ class Problem:
         """Return the limit that holds for ``part``, m: its own, or the general one."""
         own = self.parts[part].clearance
         return self.limits.clearance if own is None else own
+
+
+def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) -> Problem:
+    """Return ``problem`` with the ends of ``cable`` whose rolls were to be found clamped in ``frames``.
+
+    Args:
+        problem, cable: as above.
+        at: motion value, 0 to 1, of the frames.
+        frames: section frames (4,) of both ends there, in the world.
+    """
+    run, held = problem.cables[cable], dict[str, End]()
+    for side, frame in zip(("start", "end"), frames, strict=True):
+        end: End = getattr(run, side)
+        if end.roll == "untwisted":
+            body = problem.poses(end.body, [at])[1][0]
+            held[side] = end.held(rotations.multiply(rotations.conjugate(body), rotations.normalise(frame)))
+    if not held:
+        return problem
+    return replace(problem, cables={**problem.cables, cable: replace(run, **held)})  # type: ignore[arg-type]
 
 
 def input_files(problem: Problem) -> list[Path]:

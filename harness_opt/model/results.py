@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from harness_opt.errors import Status
 from harness_opt.model.limits import LimitId
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Problem, held_as
 from harness_opt.numerics.rotations import Array
 
 STATIONS = 101  # equally spaced along the cable
@@ -46,16 +46,20 @@ class CableMotion(Quantities):
         stability_margin: (P,), lowest eigenvalue of the second variation, dimensionless; below 0 is unstable.
         residual: (P,), largest scaled residual of each frame.
         estimated_error: (P,), of the shape, in lengths of the cable.
+        begins_through_itself: whether no first shape was found with the turns that the clamps ask for: the cable would
+            have to go through itself to have this one.
     """
 
     stable: Array
     stability_margin: Array
     residual: Array
     estimated_error: Array
+    begins_through_itself: bool = False
 
     def frames(self, which: slice) -> CableMotion:
         """Return the frames that ``which`` names alone."""
-        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name != "s"}
+        whole = ("s", "begins_through_itself")
+        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in whole}
         return dataclasses.replace(self, **cut)
 
 
@@ -65,23 +69,31 @@ class Followed:
 
     Args:
         shapes: of the frames solved; None where there are none.
-        snaps: (frame, motion) of each jump.
+        snaps: (frame, motion, whether the cable goes through itself) of each jump.
         status, message: why it ended early; OK and empty otherwise.
     """
 
     shapes: CableMotion | None
-    snaps: tuple[tuple[int, float], ...] = ()
+    snaps: tuple[tuple[int, float, bool], ...] = ()
     status: Status = Status.OK
     message: str = ""
 
 
 @dataclass(frozen=True)
 class Snap:
-    """A jump of a cable to another shape: the frame that first shows the new shape, and its motion value (0 to 1)."""
+    """A jump of a cable to another shape.
+
+    Args:
+        cable: its name.
+        frame: the one that first shows the new shape.
+        motion: value, 0 to 1.
+        passes_through_itself: whether the cable has other turns after it: it would have to go through itself.
+    """
 
     cable: str
     frame: int
     motion: float
+    passes_through_itself: bool = False
 
 
 @dataclass(frozen=True)
@@ -157,3 +169,7 @@ class Motion:
     def ok(self) -> bool:
         """True where every frame was solved."""
         return self.status.ok
+
+    def held(self, cable: str) -> Problem:
+        """Return the problem with the rolls at which ``cable`` was clamped, as its shapes have them."""
+        return held_as(self.problem, cable, float(self.motion[0]), list(self.cables[cable].quaternion[0, [0, -1]]))

@@ -2,29 +2,70 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 
 from harness_opt.model.cable import End
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Problem, held_as
 from harness_opt.rod.boundary import Case, case
+from harness_opt.rod.states import Rod
+from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.continuation import follow
+from harness_opt.statics.fitting import Fitted, clamped, fit
 from harness_opt.statics.solve import Solved
 
 
 class CableCases:
-    """The dimensionless cases of one cable along the motion.
+    """The dimensionless cases of one cable along the motion, its untwisted end fitted.
 
     Args:
         problem: the problem.
         name: of the cable.
         solver: name of the one that shapes are continued by.
+        near: a fit of a like cable to start from.
+        first: a shape of the first frame that the rolls are to be taken from, where the cable is fitted there.
     """
 
-    def __init__(self, problem: Problem, name: str, solver: str):
+    def __init__(self, problem: Problem, name: str, solver: str, near: Fitted | None = None, first: Rod | None = None):
         self.problem, self.name, self.solver = problem, name, solver
         self.run, self._gravity = problem.cables[name], np.asarray(problem.gravity)
+        self.fitted: Fitted | None = None
+        if self.run.untwisted is None:
+            self.problem = dataclasses.replace(problem, cables={**problem.cables, name: self.run.to_fit})
+            return
+        if first is not None and self.run.fitted_at == 0.0:
+            frames = (first.q[0], first.q[-1])
+        else:
+            to_fit = dataclasses.replace(problem, cables={name: self.run.to_fit})
+            placed = to_fit.ends(name, [self.run.fitted_at])[0]
+            self.fitted = fit(self.run, placed, self._gravity, solver, near.solved if near else None)
+            if self.fitted is None:
+                return
+            frames = self.fitted.frames
+        self.problem = held_as(problem, name, self.run.fitted_at, frames)
+
+    @property
+    def unfitted(self) -> bool:
+        """Whether no shape was found to fit the cable in."""
+        return self.run.untwisted is not None and self.problem.cables[self.name].untwisted is not None
+
+    def first_shape(self, at: float) -> Solved | None:
+        """Return a shape at motion value ``at`` found from the ends alone, or from the cable as it was fitted."""
+        bow = None if self.run.bow is None else np.asarray(self.run.bow)
+        if self.fitted is None:
+            return cold_start(self._case(at), int(self.problem.cables[self.name].end.turns), bow, self.solver)
+        begun = clamped(self._case(self.run.fitted_at), self.fitted, self.solver)
+        if begun is None or at == self.run.fitted_at:
+            return begun
+        there, reached = self.follow(begun, self.run.fitted_at, at)
+        if reached == at:
+            return dataclasses.replace(there, passed=begun.passed)
+        return cold_start(self._case(at), 0, bow, self.solver, self.fitted.wound())
+
+    def _case(self, at: float) -> Case:
+        return self.posed(self.problem.ends(self.name, [at])[0], None)
 
     def posed(self, ends: tuple[End, End], near: Case | None) -> Case:
         """Return the case of ``ends``, its quaternions signed like those of ``near``."""

@@ -10,17 +10,16 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.cable import CableRun
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Followed
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Case, case
+from harness_opt.rod.boundary import case
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.paper_pose import START_SOLVER, Quadrature, QuadratureSolve, solve_by_quadrature
 
 
@@ -44,8 +43,9 @@ def sweep_by_quadrature(
         progress: called with the cable's name, frames done, frames in all.
     """
     cable, units = problem.cables[name].cable, rod_module.scale(problem.cables[name].cable)[1]
-    ends, gravity = problem.ends(name, motion), np.asarray(problem.gravity)
-    before = first or _first_shape(problem.cables[name], case(cable, *ends[0], gravity))
+    cases = CableCases(problem, name, START_SOLVER, first=first if motion[0] == 0.0 else None)
+    ends, gravity = cases.problem.ends(name, motion), np.asarray(problem.gravity)
+    before = first or _first_shape(cases, float(motion[0]))
     frames: list[QuadratureSolve] = []
     judged: list[Stability] = []
     status, message = Status.OK, ""
@@ -83,8 +83,7 @@ def sweep_by_quadrature(
     return Followed(shapes, (), status, message)
 
 
-def _first_shape(run: CableRun, posed: Case) -> Rod | None:
-    """Return the shape of a cold start; None where there is none."""
-    bow = None if run.bow is None else np.asarray(run.bow)
-    solved = cold_start(posed, run.end.turns, bow, START_SOLVER)
-    return solved.rod if solved is not None and solved.ok else None
+def _first_shape(cases: CableCases, at: float) -> Rod | None:
+    """Return the shape of a cold start with the turns asked for; None where there is none."""
+    solved = None if cases.unfitted else cases.first_shape(at)
+    return solved.rod if solved is not None and solved.ok and not solved.passed else None

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.motion.cases import CableCases
+from harness_opt.rod.link import links_of, turns_lost
 from harness_opt.statics.continuation import turning
 from harness_opt.statics.mesh import refine
 from harness_opt.statics.release import is_stable, release
@@ -25,12 +26,12 @@ class Recovery:
 
     Args:
         solved: its shape at the frame that was sought; None where it could not be found.
-        snaps: motion values of its jumps on the way.
+        snaps: motion value of each jump on the way, and whether the cable goes through itself there.
         first: the shape that the first frame has to have for it, where that one may turn freely; else None.
     """
 
     solved: Solved | None
-    snaps: tuple[float, ...]
+    snaps: tuple[tuple[float, bool], ...]
     first: Solved | None
 
 
@@ -49,7 +50,7 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
     most_losses = 8  # between two frames
     jump = 0.2  # rad, largest turning of a section at the place of a loss above which it is a snap
     first, start, turned = here, at, None
-    snaps = list[float]()
+    snaps = list[tuple[float, bool]]()
     for _ in range(most_losses):
         here, at, beyond = _last_stable(cases, here, at, target)
         released, where = _released(cases, here, beyond, target)
@@ -58,7 +59,7 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
         if turning(released.rod.sample(here.rod.mesh).q, here.rod.q) > jump:
             member = _turned_first(cases, (turned or first, start), released, where) if is_first else None
             if member is None:
-                snaps.append(beyond)
+                snaps.append((beyond, bool(turns_lost(links_of(here.rod), links_of(released.rod)))))
             else:
                 turned = member
         solved, reached = cases.follow(released, where, target)

@@ -15,6 +15,7 @@ from harness_opt.errors import Status
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import CableFollower, Progress
 from harness_opt.motion.frames import Frames, batch, blocks
@@ -23,9 +24,9 @@ from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.corrections import solve_along_near_null
+from harness_opt.statics.fitting import Fitted
 from harness_opt.statics.mesh import finer_mesh
-from harness_opt.statics.solve import Solved, resample, solve_on
+from harness_opt.statics.solve import Solved, resample, solve_along_near_null, solve_on
 
 Rigour = Literal["full", "stable", "quick look"]
 
@@ -42,8 +43,10 @@ class Sweep:
         units: of the cable.
         stability: of the frames, batched.
         errors: estimated, (P,), in lengths of the cable.
-        snaps: (frame, motion) of each jump.
+        snaps: (frame, motion, whether the cable goes through itself) of each jump.
         status, message: why the sweep ended early; OK and empty otherwise.
+        fitted: the cable as it was fitted, where the roll of an end was found so.
+        begins_through_itself: as of :class:`~harness_opt.model.results.CableMotion`.
     """
 
     frames: Sequence[Solved]
@@ -51,9 +54,11 @@ class Sweep:
     units: Units
     stability: Stability
     errors: Array
-    snaps: tuple[tuple[int, float], ...]
+    snaps: tuple[tuple[int, float, bool], ...]
     status: Status
     message: str
+    fitted: Fitted | None = None
+    begins_through_itself: bool = False
 
     @property
     def rod(self) -> Rod:
@@ -77,7 +82,7 @@ def start_positions(ends: Sequence[tuple[End, End]], last: Array, units: Units) 
     )
 
 
-def sweep(
+def sweep(  # noqa: PLR0913
     problem: Problem,
     name: str,
     motion: Array,
@@ -87,6 +92,7 @@ def sweep(
     elements: int | None = None,
     first: Rod | None = None,
     guesses: Sequence[Solved | None] | None = None,
+    near: Fitted | None = None,
     rigour: Rigour = "full",
     progress: Progress | None = None,
 ) -> Sweep:
@@ -102,12 +108,14 @@ def sweep(
         elements: least number of elements; None leaves it to the tolerance.
         first: the shape of the first frame, of a like cable; None leaves it to a cold start.
         guesses: solves of a like motion to start from, one a frame or None.
+        near: a fit of a like cable to start from, for the roll of an untwisted end.
         rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
             the same; "quick look" leaves out stability and accuracy both.
         progress: called with the cable's name, frames done, frames in all.
     """
     quick_look = rigour == "quick look"
-    follower = CableFollower(problem, name, motion, solver, elements or 0, progress)
+    cases = CableCases(problem, name, solver, near, first if motion[0] == 0.0 else None)
+    follower = CableFollower(cases, motion, elements or 0, progress)
     try:
         status, message = follower.run_all(first, guesses, check=not quick_look)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
@@ -134,7 +142,10 @@ def sweep(
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
     origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
-    return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
+    return Sweep(
+        frames, origins, units, answer, errors, tuple(follower.snaps), status, message, cases.fitted,
+        follower.begins_through_itself,
+    )  # fmt: skip
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:
@@ -206,6 +217,7 @@ def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
         stability_margin=swept.stability.margin,
         residual=np.array([frame.solution.residual for frame in swept.frames]),
         estimated_error=swept.errors,
+        begins_through_itself=swept.begins_through_itself,
     )
 
 

@@ -95,7 +95,7 @@ def _end(end: End) -> Json:
         (False, True): "guided",
         (False, False): "free",
     }
-    return {"held": kinds[end.position is not None, end.quaternion is not None], "body": end.body}
+    return {"held": kinds[end.position is not None, end.frame is not None], "body": end.body}
 
 
 def _body(body: Body) -> Json:
