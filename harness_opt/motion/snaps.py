@@ -59,7 +59,7 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
         if turning(released.rod.sample(here.rod.mesh).q, here.rod.q) > jump:
             member = _turned_first(cases, (turned or first, start), released, where) if is_first else None
             if member is None:
-                snaps.append((beyond, bool(turns_lost(links_of(here.rod), links_of(released.rod)))))
+                snaps.append((beyond, _passes(here, released)))
             else:
                 turned = member
         solved, reached = cases.follow(released, where, target)
@@ -67,6 +67,11 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
             return Recovery(solved, tuple(snaps), turned)
         here, at = released, where
     return Recovery(None, tuple(snaps), turned)
+
+
+def _passes(before: Solved, after: Solved) -> bool:
+    """Whether the turns of a shape are not those of the one before: the cable would have to go through itself."""
+    return bool(turns_lost(after.case.boundary.kind, links_of(before.rod), links_of(after.rod)))
 
 
 def _last_stable(cases: CableCases, here: Solved, at: float, target: float) -> tuple[Solved, float, float]:

@@ -18,6 +18,8 @@ from harness_opt.numerics.rotations import IDENTITY, Array
 from harness_opt.rod import equations as rod
 from harness_opt.rod.equations import Section, Units
 
+HELD = 3  # small rotations of a section that a clamp holds; a swivel holds two
+
 
 class Kind(NamedTuple):
     """Which quantities are given: what decides the structure of the equations, and nothing else.
@@ -44,7 +46,7 @@ class Kind(NamedTuple):
 
 
 def _held(oriented: bool, swivels: bool) -> int:
-    return 0 if not oriented else 2 if swivels else 3
+    return 0 if not oriented else HELD - 1 if swivels else HELD
 
 
 CLAMPED = Kind(True, True, True, True)  # at both ends

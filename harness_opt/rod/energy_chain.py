@@ -34,7 +34,7 @@ from harness_opt.numerics.machine_code import Buffered, built, wanted
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod
-from harness_opt.rod.boundary import Boundary
+from harness_opt.rod.boundary import HELD, Boundary
 from harness_opt.rod.element_pattern import DEGREE, UNKNOWNS, pattern
 from harness_opt.rod.equations import Section
 
@@ -353,7 +353,7 @@ class Chain:
             (-1, boundary.kind.end_held, boundary.end_quaternion),
         )
         for node, held, clamp in given:
-            if held == 2:
+            if 0 < held < HELD:
                 roll = rotations.multiply(rotations.conjugate(clamp), q[node]) * (1.0, 0.0, 0.0, 1.0)
                 q[node] = rotations.multiply(clamp, rotations.normalise(roll))
             elif held:

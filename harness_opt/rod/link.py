@@ -25,6 +25,7 @@ import numpy as np
 
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
+from harness_opt.rod.boundary import HELD, Kind
 from harness_opt.rod.states import Rod
 
 FAR = 1e4  # lengths of the cable: how long the rays are
@@ -96,12 +97,15 @@ def _bundle(q: Array, sign: float) -> Array:
     return rotations.rotate(np.tile(q, (5, 1)), sign * local)
 
 
-def turns_lost(before: Array, after: Array) -> int:
+def turns_lost(kind: Kind, before: Array, after: Array) -> int:
     """Return by how many turns the link has changed between two shapes, from what :func:`links` returns of each.
 
     The least over the rays, an even number: each time that a cable goes through itself, two turns are lost or won.
-    Clamps that turn or move a little between the two change it by less than one.
+    Clamps that turn or move a little between the two change it by less than one. Where an end turns freely, turns come
+    and go there, and none is counted as lost.
     """
+    if not kind.start_held == kind.end_held == HELD:
+        return 0
     change = 2 * np.rint(0.5 * (after - before)).astype(int)
     return int(change[np.argmin(np.abs(change))])
 

@@ -203,7 +203,7 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str, wound: Wo
     unstable = lost = None
     for asked, found in _starts(case, turns, bow, solver, wound):
         stable = stabilised(found, solver)
-        if turns_lost(asked, links_of((stable or found).rod)):
+        if turns_lost(case.boundary.kind, asked, links_of((stable or found).rod)):
             lost = lost or dataclasses.replace(stable or found, passed=True)
         elif stable is not None:
             return stable

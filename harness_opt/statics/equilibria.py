@@ -14,7 +14,7 @@ from harness_opt.model.methods import check_method
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
-from harness_opt.rod.boundary import Case
+from harness_opt.rod.boundary import HELD, Case
 from harness_opt.rod.link import links_of, turns_lost
 from harness_opt.statics.cold_start import from_curve, whole_turns, wound_curve
 from harness_opt.statics.equilibrium import TOLERANCE, Shape, refined_shape
@@ -60,7 +60,7 @@ def equilibria(
     tolerance = checks.positive("tolerance", tolerance)
     sought = posed_run(CableRun(cable, start, end), np.asarray(checks.numbers("gravity", gravity, 3)), solver)
     posed, kind = sought.case, sought.case.boundary.kind
-    twists = sorted(set(turns)) if kind.start_held == kind.end_held == 3 else [0]
+    twists = sorted(set(turns)) if kind.start_held == kind.end_held == HELD else [0]
     if not (isinstance(bows, int) and 0 < bows * len(twists) <= MOST_STARTS):
         raise ProblemError(
             f"bows, turns: found {bows!r} times {len(twists)} starts, expected at least one and at most {MOST_STARTS}"
@@ -84,7 +84,7 @@ def _stable_from(posed: Case, turns: int, bow: Array, solver: str) -> Solved | N
     asked = wound_curve(posed, turns, bow).links
     for start in from_curve(posed, turns, bow, solver):
         stable = stabilised(start, solver)
-        if stable is not None and not turns_lost(asked, links_of(stable.rod)):
+        if stable is not None and not turns_lost(posed.boundary.kind, asked, links_of(stable.rod)):
             return stable
     return None
 

@@ -16,7 +16,7 @@ from harness_opt.numerics.extrapolation import Trail
 from harness_opt.numerics.interface import Options, Solution, Solver, largest
 from harness_opt.numerics.linear import CONDITION_LIMIT, Factor, factorise
 from harness_opt.numerics.rotations import Array
-from harness_opt.rod.boundary import CLAMPED, Case, relative_matrix
+from harness_opt.rod.boundary import CLAMPED, HELD, Case, relative_matrix
 from harness_opt.rod.collocation import BoundCollocation, collocation, pack, stations
 from harness_opt.rod.states import Defects, Rod
 
@@ -94,7 +94,7 @@ class Solved:
         """Whether the end came out with the opposite sign: an odd number of whole turns away from the one asked for."""
         boundary = self.case.boundary
         last = self.bound.last_quaternion(self.solution.x)
-        return boundary.kind.end_held == 3 and float(last @ boundary.end_quaternion) < 0.0
+        return boundary.kind.end_held == HELD and float(last @ boundary.end_quaternion) < 0.0
 
 
 def _load_scale(load: Array, force: Array) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
-from harness_opt.rod.boundary import Boundary, Case
+from harness_opt.rod.boundary import HELD, Boundary, Case
 
 LENGTH_POINTS = 241  # points for measuring the length of the curve
 NO_LENGTH = 1e-15  # length below which a vector has no direction
@@ -173,9 +173,9 @@ def _chord_and_tangents(boundary: Boundary, wish: Array) -> tuple[Array, Array, 
 
 def _first_frame(boundary: Boundary, points: Array, tangents: Array) -> Array:
     """Return the section frame (4,) at the start: the clamp's, or the one that leads to the end's clamp untwisted."""
-    if boundary.kind.start_held == 3:
+    if boundary.kind.start_held == HELD:
         return boundary.start_quaternion
-    if boundary.kind.end_held == 3:
+    if boundary.kind.end_held == HELD:
         first: Array = rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)[-1]
         return first
     return boundary.start_quaternion if boundary.kind.start_held else rotations.from_tangent(tangents[0])
@@ -204,7 +204,7 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
     frames = rotation_minimising(points, tangents, _first_frame(boundary, points, tangents))
     width = min(eased_length, eased_slack * (1.0 - float(np.linalg.norm(points[-1] - points[0]))))
     frames = _eased(_eased(frames, width), width)
-    if boundary.kind.end_held < 3 or boundary.kind.start_held < 3:
+    if boundary.kind.end_held < HELD or boundary.kind.start_held < HELD:
         return points, frames
     left = rotations.multiply(rotations.conjugate(frames[-1]), boundary.end_quaternion)
     twist = (2.0 * np.arctan2(left[3], left[0]) + np.pi) % (2.0 * np.pi) - np.pi
@@ -242,7 +242,7 @@ def curve(case: Case, boundary: Boundary, turns: int, bow: Array | None) -> tupl
 
 def signed(boundary: Boundary, q: Array) -> Boundary:
     """Return ``boundary`` with that of the end's two quaternions that stands for the turns of the curve (m, 4)."""
-    if boundary.kind.end_held < 3:
+    if boundary.kind.end_held < HELD:
         return boundary
     sign = 1.0 if q[-1] @ boundary.end_quaternion >= 0 else -1.0
     return dataclasses.replace(boundary, end_quaternion=sign * boundary.end_quaternion)
