@@ -157,7 +157,7 @@ class End:
             object.__setattr__(self, "roll", "untwisted")
         turns = self.turns
         if not isinstance(turns, (int, float)) or isinstance(turns, bool) or not math.isfinite(turns):
-            raise ProblemError(f"turns: found {turns!r}, expected a number")
+            raise ProblemError(f"turns: found {turns!r}, expected a whole number, or any number of an untwisted end")
         if turns == int(turns):
             object.__setattr__(self, "turns", int(turns))
         elif self.roll != "untwisted":

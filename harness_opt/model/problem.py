@@ -145,4 +145,33 @@ def left_out(problem: Problem) -> tuple[str, ...]:
         words.append("other cables")
     if not problem.moves:
         words.append("motion")
+    words += [
+        f"where {name} bows to: its shape is one of a family, free to turn about the line through its clamps"
+        for name in problem.cables
+        if turns_about_its_clamps(problem, name)
+    ]
     return tuple(words)
+
+
+def turns_about_its_clamps(problem: Problem, cable: str) -> bool:
+    """Whether the shapes of a slack cable are each one of a family, alike but for a turn about a fixed line.
+
+    A round cable made straight, without weight, whose clamps point along the line through them at some moment: its
+    shape turned about that line is as good a shape, of the same energy.
+    """
+    samples, along = 101, 1e-9  # moments looked at; sine of the angle up to which two directions are one
+    run = problem.cables[cable]
+    weight = run.cable.mass_per_length and any(problem.gravity)
+    ends = (run.start, run.end)
+    if weight or not run.cable.rolls_freely or any(end.position is None or end.frame is None for end in ends):
+        return False
+    at = np.linspace(0.0, 1.0, samples)
+    placed = [problem.poses(end.body, at) for end in ends]
+    places = [r + rotations.rotate(q, end.position) for (r, q), end in zip(placed, ends, strict=True)]  # type: ignore[arg-type]
+    gap = places[1] - places[0]
+    distance = np.linalg.norm(gap, axis=1)
+    coaxial = distance < run.cable.length * (1.0 - along)
+    for (_, q), end in zip(placed, ends, strict=True):
+        tangent = rotations.tangent(rotations.multiply(q, end.frame))  # type: ignore[arg-type]
+        coaxial &= np.linalg.norm(np.cross(tangent, gap), axis=1) <= along * np.maximum(distance, along)
+    return bool(np.any(coaxial))

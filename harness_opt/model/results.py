@@ -170,6 +170,23 @@ class Motion:
         """True where every frame was solved."""
         return self.status.ok
 
+    @property
+    def through_themselves(self) -> dict[str, tuple[int, float]]:
+        """The cables that lose turns by going through themselves, as none can: the first frame, and its motion value.
+
+        At the start, or across a snap: twist and writhe together are not what the clamps say from there on.
+        """
+        found = {}
+        for name, shapes in self.cables.items():
+            places = [
+                (snap.frame, snap.motion) for snap in self.snaps if snap.cable == name and snap.passes_through_itself
+            ]
+            if shapes.begins_through_itself and len(self.motion):
+                places.append((0, float(self.motion[0])))
+            if places:
+                found[name] = min(places)
+        return found
+
     def held(self, cable: str) -> Problem:
         """Return the problem with the rolls at which ``cable`` was clamped, as its shapes have them."""
         return held_as(self.problem, cable, float(self.motion[0]), list(self.cables[cable].quaternion[0, [0, -1]]))

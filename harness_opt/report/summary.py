@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness_opt.clearance.limits import cable_limits, held
+from harness_opt.clearance.limits import all_limits, held
 from harness_opt.clearance.measure import clearances
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.files.result_folder import SUMMARY
@@ -98,7 +98,7 @@ def summary(
         measured = result.clearances
     elif measured is None:
         measured = clearances(motion)
-    rows = (*measured.limits, *cable_limits(motion.problem, motion))
+    rows = all_limits(motion.problem, motion, measured)
     command = command or ("simulate" if isinstance(result, Motion) else "redesign")
     seconds = {phase: float(result.timing.get(phase, 0.0)) for phase in PHASES}
     seconds |= {"report": float(result.timing["report"])} if "report" in result.timing else {}
