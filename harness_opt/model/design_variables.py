@@ -292,9 +292,15 @@ def _given_rates(end: End, about: int, angles: dict[int, float]) -> Array:
     if end.roll_deg is not None and about < 2:
         after[2] = after.get(2, 0.0) + end.roll_deg
     axis = rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[about])
-    if end.roll == "free" and about < 2:
-        axis = _in_projection(end, angles, axis)
+    if end.roll == "free" and about < 2:  # it turns about its tangent whatever turns it there
+        axis = _in_projection(end, angles, _tilt_axis(about, angles))
     return np.deg2rad(1.0) * np.asarray(axis)
+
+
+def _tilt_axis(about: int, angles: dict[int, float]) -> Array:
+    """Return the axis (3,) of a turn about d1 or d2 of a projected frame, in the frame tilted by ``angles``."""
+    after = {1: angles.get(1, 0.0)} if about == 0 else {}
+    return rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[about])
 
 
 def _in_projection(end: End, angles: dict[int, float], axis: Array) -> Array:
@@ -316,10 +322,7 @@ def _untwisted_rates(end: End, about: int, angles: dict[int, float], as_fitted: 
         return np.zeros(3) if as_fitted else np.deg2rad(1.0) * np.eye(3)[2]
     if found and not as_fitted:
         return np.zeros(3)
-    axis = np.eye(3)[0] if about == 0 else np.eye(3)[1]
-    if about == 0:
-        axis = rotations.rotate(rotations.conjugate(_turn({1: angles.get(1, 0.0)})), axis)
-    tilt = _in_projection(end, angles, axis)
+    tilt = _in_projection(end, angles, _tilt_axis(about, angles))
     # the projected d1 turns about the tangent as that tilts: d2 . d1' = (d3 . e) w1 / |e - (d3 . e) d3|, e the axis
     projected = rotations.from_tangent(rotations.tangent(_tilted(end, angles)))
     d1, _, d3 = rotations.matrix(projected).T

@@ -167,8 +167,8 @@ def turns_about_its_clamps(problem: Problem, cable: str) -> bool:
         return False
     at = np.linspace(0.0, 1.0, samples)
     placed = [problem.poses(end.body, at) for end in ends]
-    places = [r + rotations.rotate(q, end.position) for (r, q), end in zip(placed, ends, strict=True)]  # type: ignore[arg-type]
-    gap = places[1] - places[0]
+    moved = [r + rotations.rotate(q, np.asarray(end.position)) for (r, q), end in zip(placed, ends, strict=True)]
+    gap: Array = moved[1] - moved[0]
     distance = np.linalg.norm(gap, axis=1)
     coaxial = distance < run.cable.length * (1.0 - along)
     for (_, q), end in zip(placed, ends, strict=True):

@@ -53,21 +53,18 @@ class CableCases:
         """Whether no shape was found to fit the cable in."""
         return self.run.untwisted is not None and self.problem.cables[self.name].untwisted is not None
 
-    def first_shape(self, at: float) -> Solved | None:
-        """Return a shape at motion value ``at`` found from the ends alone, or from the cable as it was fitted."""
+    def from_ends(self, at: float) -> Solved | None:
+        """Return a shape at motion value ``at`` found from the ends alone; None where there is none."""
         bow = None if self.run.bow is None else np.asarray(self.run.bow)
-        if self.fitted is None:
-            return cold_start(self._case(at), int(self.problem.cables[self.name].end.turns), bow, self.solver)
-        begun = clamped(self._case(self.run.fitted_at), self.fitted, self.solver)
-        if begun is None or at == self.run.fitted_at:
-            return begun
-        there, reached = self.follow(begun, self.run.fitted_at, at)
-        if reached == at:
-            return dataclasses.replace(there, passed=begun.passed)
-        return cold_start(self._case(at), 0, bow, self.solver, self.fitted.wound())
+        posed = self.posed(self.problem.ends(self.name, [at])[0], None)
+        return cold_start(posed, int(self.problem.cables[self.name].end.turns), bow, self.solver)
 
-    def _case(self, at: float) -> Case:
-        return self.posed(self.problem.ends(self.name, [at])[0], None)
+    def as_fitted(self) -> Solved | None:
+        """Return the shape where the cable was fitted, its ends held; None where there is none, or nothing to fit."""
+        if self.fitted is None:
+            return None
+        posed = self.posed(self.problem.ends(self.name, [self.run.fitted_at])[0], None)
+        return clamped(posed, self.fitted, self.solver)
 
     def posed(self, ends: tuple[End, End], near: Case | None) -> Case:
         """Return the case of ``ends``, its quaternions signed like those of ``near``."""

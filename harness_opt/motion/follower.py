@@ -14,7 +14,7 @@ from harness_opt.errors import Status
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import coarsened, on_mesh
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh
-from harness_opt.motion.snaps import recover
+from harness_opt.motion.snaps import first_shape, recover
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.stability import doubt, doubtful, stability, surely_stable
 from harness_opt.rod.states import Rod
@@ -109,7 +109,7 @@ class CableFollower:
             warm = step(posed, dataclasses.replace(guess, case=posed), None, 0.0, self.solver)
             if warm is not None:
                 return warm
-        return self.cases.first_shape(float(self.motion[0]))
+        return first_shape(self.cases, float(self.motion[0]))
 
     def _begin(self, first: Rod | None, guess: Solved | None) -> tuple[Status, str] | None:
         """Solve the first frame; return why there is none, where that is so."""

@@ -14,6 +14,7 @@ from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Followed
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
+from harness_opt.motion.snaps import first_shape
 from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
@@ -85,5 +86,5 @@ def sweep_by_quadrature(
 
 def _first_shape(cases: CableCases, at: float) -> Rod | None:
     """Return the shape of a cold start with the turns asked for; None where there is none."""
-    solved = None if cases.unfitted else cases.first_shape(at)
+    solved = first_shape(cases, at)
     return solved.rod if solved is not None and solved.ok and not solved.passed else None

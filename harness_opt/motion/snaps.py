@@ -6,6 +6,7 @@ does not depend on where the frames are.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +68,26 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
             return Recovery(solved, tuple(snaps), turned)
         here, at = released, where
     return Recovery(None, tuple(snaps), turned)
+
+
+def first_shape(cases: CableCases, at: float) -> Solved | None:
+    """Return the shape at motion value ``at`` that a motion begins with; None where none is found.
+
+    A cable that was fitted somewhere is moved from there, over snaps if need be.
+    """
+    if cases.unfitted:
+        return None
+    if cases.fitted is None:
+        return cases.from_ends(at)
+    fitted_at, begun = cases.run.fitted_at, cases.as_fitted()
+    if begun is None or at == fitted_at:
+        return begun
+    there, reached = cases.follow(begun, fitted_at, at)
+    if reached == at and is_stable(there, cases.solver):
+        return dataclasses.replace(there, passed=begun.passed)
+    found = recover(cases, begun, fitted_at, at, is_first=False)
+    passed = begun.passed or any(passes for _, passes in found.snaps)
+    return None if found.solved is None else dataclasses.replace(found.solved, passed=passed)
 
 
 def _passes(before: Solved, after: Solved) -> bool:
