@@ -23,7 +23,7 @@ SECTIONS = {
 }
 ENDS = {
     "both": ({"turns": 0.1}, {"turns": 0.3}),
-    "end": ({"roll_deg": 20}, {"turns": -0.2}),
+    "end": ({"roll_deg": 20}, {"turns": 0.2}),
     "start": ({}, {"roll_deg": -15}),
     "start turned": ({"turns": 0.15}, {"roll_deg": 70, "turns": 0}),
     "swivel": ({"roll_deg": 10}, {"roll": "free"}),
