@@ -171,7 +171,10 @@ def turns_about_its_clamps(problem: Problem, cable: str) -> bool:
     gap: Array = moved[1] - moved[0]
     distance = np.linalg.norm(gap, axis=1)
     coaxial = distance < run.cable.length * (1.0 - along)
-    for (_, q), end in zip(placed, ends, strict=True):
-        tangent = rotations.tangent(rotations.multiply(q, end.frame))  # type: ignore[arg-type]
-        coaxial &= np.linalg.norm(np.cross(tangent, gap), axis=1) <= along * np.maximum(distance, along)
+    start, end = (
+        rotations.tangent(rotations.multiply(q, one.frame))  # type: ignore[arg-type]
+        for (_, q), one in zip(placed, ends, strict=True)
+    )
+    coaxial &= np.linalg.norm(np.cross(start, gap), axis=1) <= along * run.cable.length
+    coaxial &= np.linalg.norm(end - start, axis=1) <= along
     return bool(np.any(coaxial))

@@ -10,8 +10,8 @@ import numpy as np
 
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem, held_as
-from harness_opt.numerics import rotations
 from harness_opt.rod.boundary import HELD, Case, case
+from harness_opt.rod.link import twist
 from harness_opt.rod.states import Rod
 from harness_opt.statics.cold_start import cold_start, wound_curve
 from harness_opt.statics.continuation import follow
@@ -99,6 +99,4 @@ def clamp_twist(problem: Problem, name: str) -> float | None:
     if not posed.boundary.kind.start_held == posed.boundary.kind.end_held == HELD:
         return None
     bow = posed.load if run.bow is None and np.any(posed.load) else run.bow
-    q = wound_curve(posed, int(run.end.turns), None if bow is None else np.asarray(bow)).q
-    spin = rotations.small_rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
-    return float(np.sum(spin[:, 2]))
+    return 2.0 * math.pi * twist(wound_curve(posed, int(run.end.turns), None if bow is None else np.asarray(bow)).q)

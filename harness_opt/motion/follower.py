@@ -16,6 +16,7 @@ from harness_opt.motion.common_mesh import coarsened, on_mesh
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh
 from harness_opt.motion.snaps import first_shape, recover
 from harness_opt.numerics.rotations import Array
+from harness_opt.rod.neutral_family import angle_between, line_of, turned
 from harness_opt.rod.stability import doubt, doubtful, stability, surely_stable
 from harness_opt.rod.states import Rod
 from harness_opt.statics.continuation import step
@@ -184,7 +185,7 @@ class CableFollower:
         """Add a frame; where its mesh is not that of the last one, on as light a one as does."""
         if self.frames and not np.array_equal(solved.bound.mesh, self.frames[-1].bound.mesh):
             solved = coarsened(solved, self.frames[-1], self.elements, self.solver)
-        self.frames.append(solved)
+        self.frames.append(_beside(solved, self.frames[-1]) if self.frames else solved)
 
     def _cut(self, count: int) -> None:
         """Keep the first ``count`` frames alone."""
@@ -236,3 +237,17 @@ class CableFollower:
             f"cable {self.name}, frame {frame} of {len(self.motion)} (motion {self.motion[frame]:.4f}): {reason}; "
             "try a smaller motion.spatial_step, more length, or another bow or number of turns"
         )
+
+
+def _beside(solved: Solved, before: Solved) -> Solved:
+    """Return ``solved``, where it is one of a family that turns about a line, as the member nearest to ``before``."""
+    places = np.linspace(0.0, 1.0, 41)
+    line = line_of(solved.case)
+    if line is None:
+        return solved
+    angle = angle_between(line, solved.rod.sample(places).r, before.rod.sample(places).r)
+    if angle == 0.0:
+        return solved
+    x = turned(solved.bound, solved.solution.x, line, angle)
+    solution = dataclasses.replace(solved.solution, x=x, factor=None)
+    return dataclasses.replace(solved, solution=solution, trail=None)

@@ -34,9 +34,10 @@ TURNING = 0.15  # rad, most that the centreline turns by between two points of t
 POINTS = (60, 1500)  # of the polygon, at least and at most
 
 
-def twist(s: Array, rate: Array) -> float:
-    """Return the twist, in turns, of a cable with twist rates ``rate`` (N,), rad a length, at ``s`` (N,)."""
-    return float(np.trapezoid(rate, s)) / (2.0 * math.pi)
+def twist(q: Array) -> float:
+    """Return the twist, in turns, along frames ``q`` (N, 4), each less than half a turn from the next."""
+    spin = rotations.small_rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
+    return float(np.sum(spin[:, 2])) / (2.0 * math.pi)
 
 
 def writhe(points: Array, *, closed: bool = False) -> float:
@@ -73,8 +74,7 @@ def links(s: Array, q: Array, points: Array) -> Array:
         q: section frames there, (N, 4), neighbours less than half a turn apart.
         points: of the centreline there, (N, 3).
     """
-    spin = rotations.small_rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
-    own = float(np.sum(spin[:, 2])) / (2.0 * math.pi)
+    own = twist(q)
     length = float(s[-1] - s[0])
     behind, ahead = (_bundle(q[node], sign) for node, sign in ((0, -1.0), (-1, 1.0)))
     body = writhe(points)
