@@ -24,10 +24,12 @@ from harness_opt.files.values import (
     KeyPath,
     MeshUnit,
     Mistake,
+    MotionValue,
     NotNegative,
     Number,
     Positive,
     Quaternion,
+    RollWord,
     Share,
     Size,
     Table,
@@ -58,9 +60,9 @@ class EndTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "allOf": [
-                clash
-                for keys in (("position", "force"), ("quaternion", "tangent", "moment"), ("roll", "roll_deg"))
-                for clash in _not_both(*keys)
+                *_not_both("position", "force"),
+                *_not_both("quaternion", "tangent", "moment"),
+                *_not_both("roll", "roll_deg"),
             ],
             "dependentRequired": {"roll": ["tangent"], "roll_deg": ["tangent"]},
         }
@@ -79,20 +81,14 @@ class EndTable(Table):
         default=None, description="d3 in body coordinates, along growing arc length at both ends, any length."
     )
     roll_deg: Number | None = Field(
-        default=None,
-        description="Fixes the section's roll about its tangent by hand, from d1 = body x seen on the section "
-        "(body y where the tangent lies along x), degrees.",
+        default=None, description="Roll about the tangent by hand, from d1 = body x seen on the section, degrees."
     )
-    roll: Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted", "free")))] | None = Field(
-        default=None,
-        description="Of an end with a tangent, untwisted where neither this nor roll_deg is given: held as the cable "
-        "carries no twisting moment where it is fitted (fitted_at), plus turns; free: turns about its tangent always.",
+    roll: RollWord | None = Field(
+        default=None, description="untwisted (if no roll is given): as fitted (fitted_at), plus turns; free: a swivel."
     )
     moment: Vector | None = Field(default=None, description="Dead moment on the cable at this end, world, N m.")
     turns: Number = Field(
-        default=0,
-        description="Any number by which an untwisted end is turned on, once fitted; else, at the cable's end only, "
-        "whole turns added to the smallest twist that joins the two clamps.",
+        default=0, description="Any number an untwisted end is turned on by; else, at the end only, whole turns added."
     )
 
 
@@ -118,9 +114,7 @@ class CableTable(Table):
         default=None,
         description="World direction to which the cable bows between its ends in the starting shape.",
     )
-    fitted_at: Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")] = Field(
-        default=0.0, description="Motion value, 0 to 1, at which an untwisted end is clamped."
-    )
+    fitted_at: MotionValue = Field(default=0.0, description="Motion value, 0 to 1, where an untwisted end is clamped.")
     start: EndTable = Field(description="What holds the cable at arc length 0.")
     end: EndTable = Field(description="What holds the cable at its full length.")
 
