@@ -26,7 +26,7 @@ WEIGHTS = ("density", "mass_per_length")  # one of the two is given, or none
 TURNS = {f"rotate_{letter}_deg": axis for axis, letter in enumerate("xyz")}
 PERCENT = {"stiffness_percent": STIFFNESSES, "weight_percent": WEIGHTS}
 STILL = ("motion", "limits", "design")  # sections whose keys move no shape
-REWRITTEN = ("density", "tangent", "roll_deg")  # keys that a written file has in other words
+REWRITTEN = ("density",)  # keys that a written file has in other words
 FIXED = ("schema", "title", "robust")  # what no study varies
 
 

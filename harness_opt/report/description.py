@@ -192,9 +192,8 @@ def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}"
         if cable["clamp_twist"] is not None:
             degrees = math.degrees(cable["clamp_twist"])
-            fitted = "" if cable["fitted_at"] is None else f" (fitted untwisted at motion {cable['fitted_at']:g})"
-            per_metre = degrees / cable["length"]
-            yield f"  its clamps build in {degrees:.4g} deg of twist, {per_metre:.4g} deg/m, at the start{fitted}"
+            where = "at the start" if cable["fitted_at"] is None else f"where fitted, at motion {cable['fitted_at']:g}"
+            yield f"  its clamps build in {degrees:.4g} deg of twist, {degrees / cable['length']:.4g} deg/m, {where}"
         if cable["slack"] is not None:
             smallest, largest = (_mm(slack) for slack in cable["slack"])
             yield f"  slack over the distance of its ends: {smallest} to {largest} mm over the motion"
