@@ -115,4 +115,4 @@ def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
         if values.shape != (frames,):
             raise ValueError(f"{name}/{field}: {values.shape}")
         found[field] = values
-    return CableMotion(s, **found)  # type: ignore[arg-type]
+    return CableMotion(s, **found)

@@ -76,7 +76,7 @@ def differentiable(quantity: Quantity) -> bool:
         return True
     number = isinstance(quantity.value, (int, float)) and not isinstance(quantity.value, bool)
     part = quantity.path[0] == "parts" and quantity.path[-1] not in ("position", "quaternion")
-    whole = quantity.path[-1] == "turns"
+    whole = quantity.path[-1] in ("turns", "fitted_at")  # or within bounds that a step may leave
     return number and quantity.path[0] not in STILL and not whole and not part
 
 

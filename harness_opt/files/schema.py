@@ -272,7 +272,7 @@ class DesignTable(Table):
     variables: dict[str, Bounds] = Field(
         default_factory=dict,
         description="Absolute [lower, upper] by name: CABLE.length (m), CABLE.start.position.x (m, body "
-        "coordinates), CABLE.end.rotate_x_deg (degrees about the clamp's own d1, from the pose "
+        "coordinates), CABLE.end.rotate_x_deg (degrees about d1, a tangent's projected x, from the pose "
         'given) and the like; or text that has it follow another variable: "= lead.start.position.x", '
         '"= 2 * lead.length - 0.01".',
     )

@@ -46,20 +46,16 @@ class CableMotion(Quantities):
         stability_margin: (P,), lowest eigenvalue of the second variation, dimensionless; below 0 is unstable.
         residual: (P,), largest scaled residual of each frame.
         estimated_error: (P,), of the shape, in lengths of the cable.
-        begins_through_itself: whether no first shape was found with the turns that the clamps ask for: the cable would
-            have to go through itself to have this one.
     """
 
     stable: Array
     stability_margin: Array
     residual: Array
     estimated_error: Array
-    begins_through_itself: bool = False
 
     def frames(self, which: slice) -> CableMotion:
         """Return the frames that ``which`` names alone."""
-        whole = ("s", "begins_through_itself")
-        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in whole}
+        cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name != "s"}
         return dataclasses.replace(self, **cut)
 
 
@@ -71,12 +67,15 @@ class Followed:
         shapes: of the frames solved; None where there are none.
         snaps: (frame, motion, whether the cable goes through itself) of each jump.
         status, message: why it ended early; OK and empty otherwise.
+        begins_through_itself: whether no first shape was found with the turns that the clamps ask for: the cable would
+            have to go through itself to have this one.
     """
 
     shapes: CableMotion | None
     snaps: tuple[tuple[int, float, bool], ...] = ()
     status: Status = Status.OK
     message: str = ""
+    begins_through_itself: bool = False
 
 
 @dataclass(frozen=True)
@@ -152,6 +151,8 @@ class Motion:
         status: OK, or why the motion ends early.
         message: for the user; empty where all is well.
         snaps: the jumps met on the way.
+        begun_through_themselves: cables whose first shape lacks turns that their clamps ask for: they would have to go
+            through themselves to have it.
         left_out: what the scene did not need.
         timing: seconds by phase.
     """
@@ -162,6 +163,7 @@ class Motion:
     status: Status = Status.OK
     message: str = ""
     snaps: tuple[Snap, ...] = ()
+    begun_through_themselves: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
 
@@ -177,11 +179,11 @@ class Motion:
         At the start, or across a snap: twist and writhe together are not what the clamps say from there on.
         """
         found = {}
-        for name, shapes in self.cables.items():
+        for name in self.cables:
             places = [
                 (snap.frame, snap.motion) for snap in self.snaps if snap.cable == name and snap.passes_through_itself
             ]
-            if shapes.begins_through_itself and len(self.motion):
+            if name in self.begun_through_themselves and len(self.motion):
                 places.append((0, float(self.motion[0])))
             if places:
                 found[name] = min(places)

@@ -128,9 +128,10 @@ class CableFollower:
         """Whether the cable goes through itself on the way to ``frame``, and no limit is there for it to violate."""
         if self.problem.limits.clearance is not None:
             return False
-        snapped = any(passes and k == frame for k, _, passes in self.snaps)
-        self._drop_snaps()
-        return snapped or (frame == 0 and self.begins_through_itself)
+        lost = any(passes and k == frame for k, _, passes in self.snaps) or (frame == 0 and self.begins_through_itself)
+        if lost:
+            self._drop_snaps()
+        return lost
 
     def _refined(self, first: Solved | None) -> Solved | None:
         """Return the first shape resolved, on as many elements as were asked for; None where there is none."""

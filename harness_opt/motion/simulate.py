@@ -119,6 +119,7 @@ def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], sec
         failed[0].status if failed else Status.OK,
         "; ".join(found.message for found in failed),
         tuple(snaps),
+        tuple(name for name, found in cables.items() if found.begins_through_itself),
         left_out(problem),
         {"solve": seconds},
     )

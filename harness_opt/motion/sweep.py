@@ -46,7 +46,7 @@ class Sweep:
         snaps: (frame, motion, whether the cable goes through itself) of each jump.
         status, message: why the sweep ended early; OK and empty otherwise.
         fitted: the cable as it was fitted, where the roll of an end was found so.
-        begins_through_itself: as of :class:`~harness_opt.model.results.CableMotion`.
+        begins_through_itself: as of :class:`~harness_opt.model.results.Followed`.
     """
 
     frames: Sequence[Solved]
@@ -217,10 +217,10 @@ def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
         stability_margin=swept.stability.margin,
         residual=np.array([frame.solution.residual for frame in swept.frames]),
         estimated_error=swept.errors,
-        begins_through_itself=swept.begins_through_itself,
     )
 
 
 def followed(swept: Sweep) -> Followed:
     """Return the plain results of a sweep."""
-    return Followed(cable_motion(swept) if swept.frames else None, swept.snaps, swept.status, swept.message)
+    shapes = cable_motion(swept) if swept.frames else None
+    return Followed(shapes, swept.snaps, swept.status, swept.message, swept.begins_through_itself)

@@ -55,7 +55,7 @@ def test_turns_that_would_have_to_pass_through_are_refused(turns):
 def test_with_a_limit_the_clearance_to_itself_is_violated(turns):
     problem = hose(turns, limits=ho.Limits(clearance=0.001))
     motion = ho.simulate(problem)
-    assert motion.cables["hose"].begins_through_itself and motion.through_themselves == {"hose": (0, 0.0)}
+    assert motion.begun_through_themselves == ("hose",) and motion.through_themselves == {"hose": (0, 0.0)}
     row = next(row for row in all_limits(problem, motion, ho.clearances(motion)) if row.part == "cable:hose")
     assert row.margin == pytest.approx(-0.013) and row.certified
 
