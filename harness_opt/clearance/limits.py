@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind
+from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Holds, LimitResult, Motion
 from harness_opt.numerics.rotations import Array
@@ -82,7 +82,33 @@ def _value(kind: LimitKind, shapes: CableMotion) -> Array:
 def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) -> tuple[LimitResult, ...]:
     """Return the rows of every limit of ``problem``, certain between the frames where ``clearances`` are."""
     others = clearances.cable_limits
-    return (*clearances.limits, *(cable_limits(problem, motion) if others is None else others))
+    rows = through_themselves(problem, motion, clearances.limits)
+    return (*rows, *(cable_limits(problem, motion) if others is None else others))
+
+
+def through_themselves(problem: Problem, motion: Motion, rows: Sequence[LimitResult]) -> tuple[LimitResult, ...]:
+    """Return the rows of clearances, those of cables to themselves as bad as can be where a cable goes through itself.
+
+    Its turns tell, whatever the frames show: where two stretches of it pass through each other their centrelines
+    meet, a diameter too near, and no frame needs to be there to be certain.
+    """
+    limit, found = problem.limits.clearance, {row.id: row for row in rows}
+    for name, (frame, at) in motion.through_themselves.items():
+        itself = LimitId(LimitKind.CLEARANCE, name, Obstacle(name, is_cable=True))
+        worst = -problem.cables[name].cable.diameter
+        if limit is not None:
+            found[itself] = LimitResult(
+                id=itself,
+                limit=limit,
+                worst=worst,
+                margin=worst - limit,
+                frame=frame,
+                motion=at,
+                arc_length=0.5 * problem.cables[name].cable.length,
+                certified=True,
+                tolerance=0.0,
+            )
+    return tuple(found.values())
 
 
 def all_hold(rows: Iterable[LimitResult]) -> Holds:

@@ -27,6 +27,7 @@ from harness_opt.files.quantity_keys import Quantity, differentiable
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.path import place_frames
 from harness_opt.motion.shape_rates import ShapeRates
 from harness_opt.motion.simulate import collect
@@ -40,6 +41,7 @@ from harness_opt.rod.collocation import BoundCollocation, collocation
 from harness_opt.rod.equations import scale
 
 STEP = 1e-5  # of a key, in its own scale: turns no section by more than that, and leaves eleven digits of a difference
+SOLVER = "gauss-newton"  # of rolls that are found anew
 AT = 1e-6  # of the length: a place that close to the end of a stretch is that end
 
 
@@ -252,7 +254,8 @@ def _bound(problem: Problem, name: str, swept: Sweep, frames: Array) -> tuple[li
     """Return the cases of a cable of ``problem`` in every frame, and their equations on the mesh of ``swept``."""
     cable, gravity = problem.cables[name].cable, np.asarray(problem.gravity, dtype=float)
     cases, equations = [], []
-    for frame, ends in zip(swept.frames, problem.ends(name, frames), strict=True):
+    held = CableCases(problem, name, SOLVER, swept.fitted).problem
+    for frame, ends in zip(swept.frames, held.ends(name, frames), strict=True):
         old = frame.case.boundary
         posed = case(cable, *ends, gravity).signed_like(old.start_quaternion, old.end_quaternion)
         kind = frame.bound.transcription

@@ -304,7 +304,8 @@ def _path_of(end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotati
 
 
 def _cable_run(cable: file_schema.CableTable) -> CableRun:
-    return CableRun(_cable(cable), start=_end(cable.start), end=_end(cable.end), bow=cable.bow)
+    ends = _end(cable.start), _end(cable.end)
+    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at)
 
 
 def _cable(cable: file_schema.CableTable) -> Cable:
@@ -322,19 +323,7 @@ def _cable(cable: file_schema.CableTable) -> Cable:
 
 
 def _end(end: file_schema.EndTable) -> End:
-    quaternion: Any = end.quaternion
-    if end.tangent is not None:
-        quaternion = rotations.from_tangent(end.tangent, math.radians(end.roll_deg or 0.0))
-    return End(
-        position=end.position,
-        quaternion=quaternion,
-        force=end.force,
-        moment=end.moment,
-        turns=end.turns,
-        body=end.body,
-        holders=None if end.holders is None else tuple(end.holders),
-        let_off=end.let_off,
-    )
+    return End(**end.model_dump())
 
 
 def _part(part: file_schema.PartTable, places: Places) -> Part:

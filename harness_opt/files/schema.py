@@ -22,10 +22,12 @@ from harness_opt.files.values import (
     KeyPath,
     MeshUnit,
     Mistake,
+    MotionValue,
     NotNegative,
     Number,
     Positive,
     Quaternion,
+    RollWord,
     Share,
     Size,
     Table,
@@ -57,8 +59,12 @@ class EndTable(Table):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "allOf": [*_not_both("position", "force"), *_not_both("quaternion", "tangent", "moment")],
-            "dependentRequired": {"roll_deg": ["tangent"]},
+            "allOf": [
+                *_not_both("position", "force"),
+                *_not_both("quaternion", "tangent", "moment"),
+                *_not_both("roll", "roll_deg"),
+            ],
+            "dependentRequired": {"roll": ["tangent"], "roll_deg": ["tangent"]},
         }
     )
 
@@ -75,13 +81,14 @@ class EndTable(Table):
         default=None, description="d3 in body coordinates, along growing arc length at both ends, any length."
     )
     roll_deg: Number | None = Field(
-        default=None,
-        description="Turns the section about its tangent, from d1 = body x seen on the section, degrees.",
+        default=None, description="Roll about the tangent by hand, from d1 = body x seen on the section, degrees."
+    )
+    roll: RollWord | None = Field(
+        default=None, description="untwisted (if no roll is given): as fitted (fitted_at), plus turns; free: a swivel."
     )
     moment: Vector | None = Field(default=None, description="Dead moment on the cable at this end, world, N m.")
-    turns: Whole = Field(
-        default=0,
-        description="At the end only: whole turns added to the smallest twist that joins the two clamps.",
+    turns: Number = Field(
+        default=0, description="Any number an untwisted end is turned on by; else, at the end only, whole turns added."
     )
     holders: list[Text] | None = Field(
         default=None,
@@ -117,6 +124,7 @@ class CableTable(Table):
         default=None,
         description="World direction to which the cable bows between its ends in the starting shape.",
     )
+    fitted_at: MotionValue = Field(default=0.0, description="Motion value, 0 to 1, where an untwisted end is clamped.")
     start: EndTable = Field(description="What holds the cable at arc length 0.")
     end: EndTable = Field(description="What holds the cable at its full length.")
 
@@ -279,7 +287,7 @@ class DesignTable(Table):
     variables: dict[str, Bounds] = Field(
         default_factory=dict,
         description="Absolute [lower, upper] by name: CABLE.length (m), CABLE.start.position.x (m, body "
-        "coordinates), CABLE.end.rotate_x_deg (degrees about the clamp's own d1, from the pose "
+        "coordinates), CABLE.end.rotate_x_deg (degrees about d1, a tangent's projected x, from the pose "
         'given) and the like; or text that has it follow another variable: "= lead.start.position.x", '
         '"= 2 * lead.length - 0.01".',
     )

@@ -176,6 +176,8 @@ def coupling(text: str) -> tuple[str, float, float] | None:
     return (found["leader"], factor, offset) if max(abs(factor), abs(offset)) <= LARGEST else None
 
 
+RollWord = Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted", "free")))]
+MotionValue = Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")]
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]
 UpAxis = Annotated[Literal["y", "z"], Expected(one_of(UP_AXES))]
 

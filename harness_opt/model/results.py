@@ -14,7 +14,7 @@ import numpy as np
 
 from harness_opt.errors import Status
 from harness_opt.model.limits import LimitId
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Problem, held_as
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -94,23 +94,34 @@ class Followed:
 
     Args:
         shapes: of the frames solved; None where there are none.
-        snaps: (frame, motion) of each jump.
+        snaps: (frame, motion, whether the cable goes through itself) of each jump.
         status, message: why it ended early; OK and empty otherwise.
+        begins_through_itself: whether no first shape was found with the turns that the clamps ask for: the cable would
+            have to go through itself to have this one.
     """
 
     shapes: CableMotion | None
-    snaps: tuple[tuple[int, float], ...] = ()
+    snaps: tuple[tuple[int, float, bool], ...] = ()
     status: Status = Status.OK
     message: str = ""
+    begins_through_itself: bool = False
 
 
 @dataclass(frozen=True)
 class Snap:
-    """A jump of a cable to another shape: the frame that first shows the new shape, and its motion value (0 to 1)."""
+    """A jump of a cable to another shape.
+
+    Args:
+        cable: its name.
+        frame: the one that first shows the new shape.
+        motion: value, 0 to 1.
+        passes_through_itself: whether the cable has other turns after it: it would have to go through itself.
+    """
 
     cable: str
     frame: int
     motion: float
+    passes_through_itself: bool = False
 
 
 Holds = Literal["yes", "no", "uncertain"]
@@ -179,6 +190,8 @@ class Motion:
         status: OK, or why the motion ends early.
         message: for the user; empty where all is well.
         snaps: the jumps met on the way.
+        begun_through_themselves: cables whose first shape lacks turns that their clamps ask for: they would have to go
+            through themselves to have it.
         left_out: what the scene did not need.
         timing: seconds by phase.
     """
@@ -189,6 +202,7 @@ class Motion:
     status: Status = Status.OK
     message: str = ""
     snaps: tuple[Snap, ...] = ()
+    begun_through_themselves: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
 
@@ -196,3 +210,24 @@ class Motion:
     def ok(self) -> bool:
         """True where every frame was solved."""
         return self.status.ok
+
+    @property
+    def through_themselves(self) -> dict[str, tuple[int, float]]:
+        """The cables that lose turns by going through themselves, as none can: the first frame, and its motion value.
+
+        At the start, or across a snap: twist and writhe together are not what the clamps say from there on.
+        """
+        found = {}
+        for name in self.cables:
+            places = [
+                (snap.frame, snap.motion) for snap in self.snaps if snap.cable == name and snap.passes_through_itself
+            ]
+            if name in self.begun_through_themselves and len(self.motion):
+                places.append((0, float(self.motion[0])))
+            if places:
+                found[name] = min(places)
+        return found
+
+    def held(self, cable: str) -> Problem:
+        """Return the problem with the rolls at which ``cable`` was clamped, as its shapes have them."""
+        return held_as(self.problem, cable, float(self.motion[0]), list(self.cables[cable].quaternion[0, [0, -1]]))
