@@ -73,7 +73,8 @@ def crossings(planes: Planes, faces: Indices, step: float) -> Crossings:
     lower, upper = planes.corners.min(axis=1) - step, planes.corners.max(axis=1) + step
     found = [
         some
-        for i, j in meeting_boxes(lower, upper)
+        for pair in meeting_boxes(lower, upper)
+        for i, j in [_folded(planes, faces, *pair)]
         for one, other in ((i, j), (j, i))
         for some in _crossings(planes, faces, step, one, other)
     ]
@@ -85,6 +86,23 @@ def crossings(planes: Planes, faces: Indices, step: float) -> Crossings:
         np.concatenate([some.start for some in found]),
         np.concatenate([some.end for some in found]),
     )
+
+
+def _folded(planes: Planes, faces: Indices, i: Indices, j: Indices) -> tuple[Indices, Indices]:
+    """Return the pairs (k,), (k,) but for those that only share an edge, at more than a right angle: most pairs do."""
+    equal = faces[i][:, :, None] == faces[j][:, None, :]
+    shared, theirs = equal.any(axis=2), equal.any(axis=1)
+    hinge = np.flatnonzero(shared.sum(axis=1) == 2)
+    one, other = i[hinge], j[hinge]
+    free = np.argmin(shared[hinge], axis=1)
+    start, end = planes.corners[one, (free + 1) % 3], planes.corners[one, (free + 2) % 3]
+    u = planes.corners[one, free] - start
+    v = planes.corners[other, np.argmin(theirs[hinge], axis=1)] - start
+    edge = end - start
+    away = dots(u, v) * dots(edge, edge) < dots(u, edge) * dots(v, edge)  # on two sides of the edge, seen along it
+    kept = np.ones(len(i), dtype=bool)
+    kept[hinge[away]] = False
+    return i[kept], j[kept]
 
 
 def _crossings(planes: Planes, faces: Indices, step: float, one: Indices, other: Indices) -> Iterator[Crossings]:

@@ -227,8 +227,8 @@ def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:
         what = part["kind"]
         if what == "mesh":
             surface = "closed" if part["closed"] else "open, so a shell"
-            up = "y up, turned to z" if part["up"] == "y" else "z up"
-            what = f"mesh {part['file']}, {up}, {part['triangles']} triangles, {surface}"
+            up = "y up (turned to z up)" if part["up"] == "y" else "z up"
+            what = f"mesh {part['file']}, {part['triangles']} triangles, {surface}, {up}"
         limit = "no limit" if part["clearance"] is None else f"at least {_mm(part['clearance'])} mm clear"
         yield f"Part {name}, of {part['body']}: {what}; {limit}"
         yield f"  box from {_place(part['lower'])} to {_place(part['upper'])} mm"

@@ -71,8 +71,8 @@ def test_every_format_and_axis(scene, suffix, up):
     assert loaded.parts["p"].signed_distance([wanted.mean(axis=0)])[0] == pytest.approx(-0.01)
     content = facts(problem, loaded)
     assert content["parts"]["p"]["up"] == axis
-    words = {"y": f"mesh block.{suffix}, y up, turned to z, 12", "z": f"mesh block.{suffix}, z up, 12"}
-    assert words[axis] in " ".join(description(problem, content).split())
+    words = {"y": "12 triangles, closed, y up (turned to z up);", "z": "12 triangles, closed, z up;"}
+    assert f"mesh block.{suffix}, {words[axis]}" in " ".join(description(problem, content).split())
     again = write_problem(problem, problem.file.parent / "deeper" / "again.toml")
     assert ("up = " in again.read_text()) == (up is not None)
     assert read_problem(again).parts["p"].shape.up_axis == axis
