@@ -16,6 +16,7 @@ of that body do not count. The result says how long these stretches are.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -78,10 +79,11 @@ def measure(
     views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
     pairs: list[PairClearance] = []
     left_out: list[str] = []
+    give_up = (options or Options()).give_up or never
     poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
     for number, own in enumerate(tasks):
         seen: dict[str, Curve] = {}
-        for name, geometry in scene.parts.items():
+        for name, geometry in itertools.takewhile(lambda _: not give_up(), scene.parts.items()):
             if geometry.body not in seen:
                 if len(seen) == MOST_VIEWS:
                     seen.clear()
@@ -102,7 +104,7 @@ def measure(
             views.forget(own.cable)
         if problem.limits.clearance is None:
             continue
-        for other in tasks[number:]:
+        for other in itertools.takewhile(lambda _: not give_up(), tasks[number:]):
             # the cubics of both centrelines are off, those of a cable against itself twice
             task = replace(own, limit=problem.limits.clearance, error=own.error + other.error)
             both = CurvePair.of(task, other)
@@ -115,7 +117,15 @@ def measure(
                 pair = _certified(pair, motion, CableSearch(task, other, curves, pair.start).certificate())
             pairs.append(pair)
     inserted = {} if views is None else {name: frames.inserted for name, frames in views.frames.items()}
-    return ClearanceResult(motion, tuple(pairs), tuple(left_out), inserted)
+    missing = _unmeasured(problem, scene, len(tasks), len(pairs) + len(left_out))
+    return ClearanceResult(motion, tuple(pairs), (*left_out, *missing), inserted, whole=not missing)
+
+
+def _unmeasured(problem: Problem, scene: Scene, cables: int, done: int) -> tuple[str, ...]:
+    """Return a sentence where not all pairs were come to before the run was stopped."""
+    others = 0 if problem.limits.clearance is None else cables * (cables + 1) // 2
+    left = cables * len(scene.parts) + others - done
+    return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
 
 
 class _Views:
@@ -263,6 +273,7 @@ def clearances(
     *,
     tolerance: float | None = None,
     stop: Callable[[], bool] | None = None,
+    give_up: Callable[[], bool] | None = None,
 ) -> ClearanceResult:
     """Return the clearances of a motion: all cables to all parts and, where a limit asks for it, to cables.
 
@@ -274,6 +285,7 @@ def clearances(
         scene: the parts as geometry; None loads them.
         tolerance: to which the smallest clearances are wanted, m; None takes 1 % of the cable's diameter.
         stop: asked while the motion is searched between its frames; once True, the rest is left uncertain.
+        give_up: asked before each pair; once True, the rest is not measured at all.
 
     Raises:
         ProblemError: a mesh that cannot be used; a tolerance that is not above 0.
@@ -286,4 +298,6 @@ def clearances(
 
     scene = load_scene(motion.problem) if scene is None else scene
     between = Between(BetweenFrames(motion), motion.snaps)
-    return measure(motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop), between)
+    return measure(
+        motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop, give_up=give_up), between
+    )

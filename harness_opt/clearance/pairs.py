@@ -23,12 +23,14 @@ class Options:
         most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
             larger.
         stop: asked while the motion is searched; once True, what is left is not certified, and says so.
+        give_up: asked before each pair; once True, those that are left are not measured, and that is said.
     """
 
     tolerance: float | None = None
     reach: float | None = None
     most_queries: int = 20_000
     stop: Callable[[], bool] | None = None
+    give_up: Callable[[], bool] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +121,14 @@ class ClearanceResult:
         pairs: one for each cable and obstacle.
         left_out: what was not measured and why, a sentence each.
         inserted: how many frames were solved between the others to be certain, by cable.
+        whole: False where the run was stopped before all pairs were measured.
     """
 
     motion: Array
     pairs: tuple[PairClearance, ...]
     left_out: tuple[str, ...] = ()
     inserted: Mapping[str, int] = field(default_factory=dict)
+    whole: bool = True
 
     @property
     def limits(self) -> tuple[LimitResult, ...]:
