@@ -16,6 +16,7 @@ is, that part's limit does not count (:mod:`harness_opt.clearance.what_counts`).
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -78,20 +79,31 @@ def measure(
     given = Motion(problem, motion, cables)
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
     views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
+    give_up = (options or Options()).give_up or never
     poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
     pairs: list[PairClearance] = []
     for number, own in enumerate(tasks):
-        pairs += _against_parts(given, own, scene, poses, views)
+        against_parts = _against_parts(given, own, scene, poses, views)
+        pairs += itertools.takewhile(lambda _: not give_up(), against_parts)
         if views is not None:
             views.forget(own.cable)
         if problem.limits.clearance is not None:
-            pairs += [_against_cable(given, own, other, views) for other in tasks[number:]]
-    if views is None and problem.moves:
-        return ClearanceResult(motion, tuple(pairs))
+            others = itertools.takewhile(lambda _: not give_up(), tasks[number:])
+            pairs += [_against_cable(given, own, other, views) for other in others]
+    missing = _unmeasured(problem, scene, len(tasks), len(pairs))
+    if missing or (views is None and problem.moves):
+        return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
     frames = _at_rest(given) if views is None else views.frames
     rows = tuple(row for task in tasks for row in _cable_limits(given, frames[task.cable], task))
     inserted = {} if views is None else {name: solved.inserted for name, solved in frames.items()}
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
+
+
+def _unmeasured(problem: Problem, scene: Scene, cables: int, done: int) -> tuple[str, ...]:
+    """Return a sentence where not all pairs were come to before the run was stopped."""
+    others = 0 if problem.limits.clearance is None else cables * (cables + 1) // 2
+    left = cables * len(scene.parts) + others - done
+    return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
 
 
 def _at_rest(given: Motion) -> dict[str, SolvedFrames]:
@@ -353,6 +365,7 @@ def clearances(
     *,
     tolerance: float | None = None,
     stop: Callable[[], bool] | None = None,
+    give_up: Callable[[], bool] | None = None,
 ) -> ClearanceResult:
     """Return the clearances of a motion: all cables to all parts and, where a limit asks for it, to cables.
 
@@ -364,6 +377,7 @@ def clearances(
         scene: the parts as geometry; None loads them.
         tolerance: to which the smallest clearances are wanted, m; None takes 1 % of the cable's diameter.
         stop: asked while the motion is searched between its frames; once True, the rest is left uncertain.
+        give_up: asked before each pair; once True, the rest is not measured at all.
 
     Raises:
         ProblemError: a mesh that cannot be used; a tolerance that is not above 0.
@@ -376,4 +390,6 @@ def clearances(
 
     scene = load_scene(motion.problem) if scene is None else scene
     between = Between(BetweenFrames(motion), motion.snaps)
-    return measure(motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop), between)
+    return measure(
+        motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop, give_up=give_up), between
+    )

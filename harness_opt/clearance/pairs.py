@@ -24,12 +24,14 @@ class Options:
         most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
             larger.
         stop: asked while the motion is searched; once True, what is left is not certified, and says so.
+        give_up: asked before each pair; once True, those that are left are not measured, and that is said.
     """
 
     tolerance: float | None = None
     reach: float | None = None
     most_queries: int = 20_000
     stop: Callable[[], bool] | None = None
+    give_up: Callable[[], bool] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +123,7 @@ class ClearanceResult:
         left_out: what was not measured and why, a sentence each.
         inserted: how many frames were solved between the others to be certain, by cable.
         cable_limits: the rows of bend radius, twist and clamp loads; None where the frames alone were looked at.
+        whole: False where the run was stopped before all pairs were measured.
     """
 
     motion: Array
@@ -128,6 +131,7 @@ class ClearanceResult:
     left_out: tuple[str, ...] = ()
     inserted: Mapping[str, int] = field(default_factory=dict)
     cable_limits: tuple[LimitResult, ...] | None = None
+    whole: bool = True
 
     @property
     def limits(self) -> tuple[LimitResult, ...]:

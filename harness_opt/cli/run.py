@@ -97,7 +97,7 @@ def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice
         with naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
             result = _solved(problem, solve, progress, interrupts)
         result = _timely(result, wanted.seconds, interrupts)
-        result, measured = _measured(result, scene, wanted.tolerance, interrupts.stopping)
+        result, measured = _measured(result, scene, wanted, interrupts)
         result = timed(result, load=loaded, total=time.perf_counter() - begin)
         part = result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
         summary, place = _kept(wanted, folder, part, (result, measured, command), scene, voice)
@@ -222,7 +222,7 @@ def _timely(result: Motion | Redesign, seconds: float | None, interrupts: Interr
 
 
 def _measured(
-    result: Motion | Redesign, scene: Scene, tolerance: float | None, stop: Callable[[], bool]
+    result: Motion | Redesign, scene: Scene, wanted: Wanted, interrupts: Interrupts
 ) -> tuple[Motion | Redesign, ClearanceResult | None]:
     """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
     from harness_opt.clearance.measure import clearances
@@ -232,7 +232,11 @@ def _measured(
     if not isinstance(result, Motion):
         return result, None
     begin = time.perf_counter()
-    measured = clearances(result, scene, tolerance=tolerance, stop=stop)
+    stop, give_up = interrupts.stopping, interrupts.overdue
+    measured = clearances(result, scene, tolerance=wanted.tolerance, stop=stop, give_up=give_up)
+    if not measured.whole and result.ok:
+        result = dataclasses.replace(result, status=Status.INTERRUPTED)
+        result = _timely(result, wanted.seconds, interrupts)
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 

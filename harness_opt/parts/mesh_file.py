@@ -68,7 +68,8 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
         raise ProblemError(f"{key.removesuffix('mesh')}up: found {mesh.up!r}, expected one of 'y', 'z'")
     try:
         files = beside(mesh.path, MOST_MESH_BYTES)
-        vertices, faces = _corners_and_faces(mesh.path, files)
+        with np.errstate(all="ignore"):  # what is not finite is refused in words
+            vertices, faces = _corners_and_faces(mesh.path, files)
         _refuse_damage(vertices, faces)
     except Refused as error:
         raise ProblemError(f"{key}: {error} ({mesh.path})") from None
@@ -95,16 +96,15 @@ def _corners_and_faces(file: Path, files: Mapping[str, bytes]) -> tuple[Array, I
     if suffix == ".stl" and not is_text(file):
         return _binary_stl(file)
     options: dict[str, Any] = {"process": False, "skip_materials": True, "resolver": files}
-    with np.errstate(all="ignore"):
-        loaded: Any
-        if suffix == ".obj":
-            loaded = trimesh.load_scene(_bare(file.read_bytes()), file_type="obj", **options)
-        elif suffix == ".stl":
-            loaded = trimesh.load_scene(_one_solid(file.read_bytes()), file_type="stl", **options)
-        else:
-            loaded = trimesh.load_scene(file, **options)
-        refuse_faces(sum(_faces_placed(loaded)))
-        loaded = loaded.to_mesh()
+    loaded: Any
+    if suffix == ".obj":
+        loaded = trimesh.load_scene(_bare(file.read_bytes()), file_type="obj", **options)
+    elif suffix == ".stl":
+        loaded = trimesh.load_scene(_one_solid(file.read_bytes()), file_type="stl", **options)
+    else:
+        loaded = trimesh.load_scene(file, **options)
+    refuse_faces(sum(_faces_placed(loaded)))
+    loaded = loaded.to_mesh()
     return np.asarray(loaded.vertices, dtype=float), np.asarray(loaded.faces, dtype=np.int64)
 
 
