@@ -13,7 +13,7 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import coarsened, on_mesh
-from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh
+from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh, estimates
 from harness_opt.motion.snaps import first_shape, recover
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.neutral_family import angle_between, line_of, turned
@@ -22,7 +22,7 @@ from harness_opt.rod.states import Rod
 from harness_opt.statics.continuation import step
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
 from harness_opt.statics.release import is_stable
-from harness_opt.statics.solve import Solved, error_estimate, error_from_defects, resample, solve_on
+from harness_opt.statics.solve import Solved, error_estimate, resample, solve_on
 
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
 
@@ -205,10 +205,7 @@ class CableFollower:
         """
         for frames in by_mesh(self.frames[len(self._errors) :]):
             mesh, local = frames[0].bound.mesh, np.zeros(len(frames[0].bound.mesh) - 1)
-            with np.errstate(over="ignore", invalid="ignore"):
-                defects = batch(frames).defects()
-            for k, frame in enumerate(frames):
-                error, own = error_from_defects(frame, defects.of(k))
+            for error, own in estimates(frames):
                 local = np.maximum(local, own)
                 most = elements_for(len(mesh) - 1, error, own)
                 finer = finer_mesh(mesh, local, error / RESOLVED, np.inf, most) if most else None
