@@ -16,6 +16,7 @@ class Status(enum.Enum):
     NOT_FINITE = "the residual became infinite or not a number"
     INACCURATE = "the shape did not become accurate enough on the finest mesh"
     WRONG_TURNS = "the solver slipped to another number of whole turns of twist"
+    NOT_WITHOUT_CONTACT = "not without contact: no shape was found with the turns asked for that does not touch itself"
     NO_START = "no starting shape was found that joins the two ends"
     STEP_TOO_SMALL = "the motion could not be followed: the step became too small"
     INTERRUPTED = "the run was interrupted"
@@ -43,6 +44,10 @@ class ProblemError(HarnessError):
         self.mistakes: tuple[str, ...] = (mistakes,) if isinstance(mistakes, str) else tuple(mistakes)
         super().__init__("\n".join(self.mistakes))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes it anew in another process."""
+        return type(self), (self.mistakes,)
+
 
 class CompilerError(HarnessError):
     """Functions can't be compiled here; without that everything works the same, but slower."""
@@ -61,3 +66,7 @@ class SolveError(HarnessError):
         self.status = status
         self.partial = partial
         super().__init__(message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes it anew in another process, what was solved until then with it."""
+        return type(self), (str(self), self.status, self.partial)

@@ -54,6 +54,7 @@ class MovingCurve:
         self.s, self.error = frames.s, frames.error
         # what the estimates are multiplied by, between the frames of the simulation
         self._raised = np.ones(max(len(frames.given) - 1, 1))
+        self._boxed: tuple[Array, Array, Array] | None = None  # the frames that boxes were made of, and these
         self._take()
 
     @property
@@ -129,6 +130,21 @@ class MovingCurve:
     def _given(self, at: Array) -> Indices:
         """Return the intervals (k,) between frames of the simulation that hold motion values ``at`` (k,)."""
         return np.clip(np.searchsorted(self.frames.given, at, side="right") - 1, 0, len(self._raised) - 1)
+
+    @property
+    def boxes(self) -> tuple[Array, Array]:
+        """Lower and upper corners (P - 1, 3), m, of boxes that hold the true centreline between two frames each.
+
+        Corners of arcs and stretches, and how far it strays from linear between them and may be off; all space where
+        nothing is known.
+        """
+        if self._boxed is None or self._boxed[0] is not self.times:
+            strays = 0.125 * np.diff(self.s) ** 2 * self.bend + 0.125 * self.acceleration + self.deviation
+            reach = np.where(self.broken, np.inf, strays.max(axis=1) + self.error)[:, None]
+            low, high = self.position.min(axis=1), self.position.max(axis=1)
+            boxes = np.minimum(low[1:], low[:-1]) - reach, np.maximum(high[1:], high[:-1]) + reach
+            self._boxed = self.times, *boxes
+        return self._boxed[1:]
 
     def complete(self) -> None:
         """Solve as many frames as a cubic needs on every stretch without a break."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -23,12 +24,14 @@ class Options:
         most_queries: for the certificate of one pair; where they do not suffice, the tolerance reached is
             larger.
         stop: asked while the motion is searched; once True, what is left is not certified, and says so.
+        give_up: asked before each pair; once True, those that are left are not measured, and that is said.
     """
 
     tolerance: float | None = None
     reach: float | None = None
     most_queries: int = 20_000
     stop: Callable[[], bool] | None = None
+    give_up: Callable[[], bool] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,7 @@ class PairClearance:
     @property
     def tolerance(self) -> float:
         """By how much, at most, what lies between can be worse than :attr:`worst`, m."""
-        return self.worst - self.lower_bound
+        return self.worst - self.lower_bound if math.isfinite(self.worst) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +122,16 @@ class ClearanceResult:
         pairs: one for each cable and obstacle.
         left_out: what was not measured and why, a sentence each.
         inserted: how many frames were solved between the others to be certain, by cable.
+        cable_limits: the rows of bend radius, twist and clamp loads; None where the frames alone were looked at.
+        whole: False where the run was stopped before all pairs were measured.
     """
 
     motion: Array
     pairs: tuple[PairClearance, ...]
     left_out: tuple[str, ...] = ()
     inserted: Mapping[str, int] = field(default_factory=dict)
+    cable_limits: tuple[LimitResult, ...] | None = None
+    whole: bool = True
 
     @property
     def limits(self) -> tuple[LimitResult, ...]:
@@ -138,7 +145,7 @@ class ClearanceResult:
                 frame=pair.frame,
                 motion=pair.motion,
                 arc_length=pair.arc_length,
-                certified=pair.certified,
+                certified=pair.certified and pair.lower_bound > -math.inf,
                 tolerance=pair.tolerance,
                 reason=pair.reason,
             )

@@ -255,8 +255,7 @@ def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[P
 
 @commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@folders_option
-def show(folder: Path, folders: tuple[Path, ...]) -> int:
+def show(folder: Path) -> int:
     """Show the result in DIR in a window, to turn about and to scrub along the motion.
 
     \b
@@ -268,7 +267,9 @@ def show(folder: Path, folders: tuple[Path, ...]) -> int:
     try:
         from harness_opt.pictures import stills as pictures
 
-        pictures.show(folder, folders)
+        pictures.show(folder)
+    except (MemoryError, RecursionError):
+        raise
     except Exception as error:  # no pyvista, no display, no OpenGL: as many errors as there are computers
         tell(f"No window can be shown: {remedied(error)}")
         return BAD_INPUT
@@ -283,8 +284,7 @@ def show(folder: Path, folders: tuple[Path, ...]) -> int:
 @click.option(
     "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
 )
-@folders_option
-def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: tuple[Path, ...]) -> int:
+def export(folder: Path, kinds: tuple[str, ...], target: Path | None) -> int:
     """Write the result in DIR for other programs.
 
     paraview: motion.pvd, with curvature, clearance and loads as arrays; csv: a table of each cable's centreline in
@@ -295,13 +295,14 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None, folders: t
     harness-opt export results/lift_arm --to stl -o for_cad
     """
     from harness_opt.files.result_folder import add_file
-    from harness_opt.files.stored_results import read_results
+    from harness_opt.files.stored_results import read_results, within
     from harness_opt.pictures.export import export
 
     read_results(folder)  # says what is wrong with the folder, if anything
+    place = target or within(folder, folder / EXPORT_FOLDER)
     try:
         for kind in kinds:
-            for line in export(folder, kind, target or folder / EXPORT_FOLDER, folders):
+            for line in export(folder, kind, place):
                 say(line)
     except HarnessError as error:
         if isinstance(error, ProblemError):

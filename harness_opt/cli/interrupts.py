@@ -84,6 +84,10 @@ class Interrupts:
         """Whether the time limit has been reached."""
         return math.isfinite(self._end) and time.monotonic() >= self._end
 
+    def overdue(self) -> bool:
+        """Return whether the time limit is past by more than a little."""
+        return math.isfinite(self._end) and time.monotonic() >= self._end + self._grace
+
     def stopping(self) -> bool:
         """Return whether to stop at the next safe point, whatever for."""
         return self.asked or self.late

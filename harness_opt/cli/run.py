@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Solve = Callable[[Problem, Shown], Motion | Redesign]
     _Found = tuple[Motion | Redesign, ClearanceResult | None, Command]  # with the command that found it
 
-EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
+EXIT = {"ok": 0, "violated": 1, "uncertain": 1, "infeasible": 1, "unsolved": UNSOLVED}
 REMEDY = 'pip install "harness-opt[pictures]"'
 
 
@@ -97,10 +97,10 @@ def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice
         with naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
             result = _solved(problem, solve, progress, interrupts)
         result = _timely(result, wanted.seconds, interrupts)
-        result, measured = _measured(result, scene, wanted.tolerance, interrupts.stopping)
+        result, measured = _measured(result, scene, wanted, interrupts)
         result = timed(result, load=loaded, total=time.perf_counter() - begin)
         part = result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
-        summary, place = _kept(wanted, folder, part, (result, measured, command), voice)
+        summary, place = _kept(wanted, folder, part, (result, measured, command), scene, voice)
         interrupts.patient = False
         try:
             interrupts.stop_here()
@@ -146,7 +146,9 @@ def _loaded(file: Path, folder: Path, wanted: Wanted, interrupts: Interrupts) ->
     return problem, scene
 
 
-def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice: Voice) -> tuple[Summary, Path | None]:
+def _kept(
+    wanted: Wanted, folder: Path, interrupted: bool, found: _Found, scene: Scene, voice: Voice
+) -> tuple[Summary, Path | None]:
     """Write what was found; return its summary and the folder, or None where nothing was written."""
     from harness_opt.report.result_files import write_results
     from harness_opt.report.summary import summary
@@ -161,7 +163,7 @@ def _kept(wanted: Wanted, folder: Path, interrupted: bool, found: _Found, voice:
 
         folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
     try:
-        return write_results(result, folder, measured=measured, command=command), folder
+        return write_results(result, folder, measured=measured, command=command, scene=scene), folder
     except ProblemError:  # what was found is not lost with the disk
         _show(wanted, summary(result, measured, command=command), None, voice)
         raise
@@ -220,7 +222,7 @@ def _timely(result: Motion | Redesign, seconds: float | None, interrupts: Interr
 
 
 def _measured(
-    result: Motion | Redesign, scene: Scene, tolerance: float | None, stop: Callable[[], bool]
+    result: Motion | Redesign, scene: Scene, wanted: Wanted, interrupts: Interrupts
 ) -> tuple[Motion | Redesign, ClearanceResult | None]:
     """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
     from harness_opt.clearance.measure import clearances
@@ -230,7 +232,11 @@ def _measured(
     if not isinstance(result, Motion):
         return result, None
     begin = time.perf_counter()
-    measured = clearances(result, scene, tolerance=tolerance, stop=stop)
+    stop, give_up = interrupts.stopping, interrupts.overdue
+    measured = clearances(result, scene, tolerance=wanted.tolerance, stop=stop, give_up=give_up)
+    if not measured.whole and result.ok:
+        result = dataclasses.replace(result, status=Status.INTERRUPTED)
+        result = _timely(result, wanted.seconds, interrupts)
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 
@@ -248,12 +254,12 @@ def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> S
     begin = time.perf_counter()
     page = functools.partial(write_page, prepare(result, measured, scene))
     result = timed(result, report=time.perf_counter() - begin)
-    content = write_results(result, folder, measured=measured, command=command, page=page)
+    content = write_results(result, folder, measured=measured, command=command, page=page, scene=scene)
     try:
         from harness_opt.pictures.film import write_pictures_and_film
 
         draw = functools.partial(write_pictures_and_film, clearances=measured)
-        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page)
+        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page, scene=scene)
     except ProblemError:  # the folder cannot be written any more
         raise
     except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers

@@ -67,7 +67,7 @@ def run_sensitivity(file: Path, folder: Path | None, as_json: bool, voice: Voice
     unit, factor = limit.kind.unit.name, limit.kind.unit.factor
     heading = f"{limit.words[0].upper()}{limit.words[1:]}: margin {factor * worst_margin(found, limit):.3g} {unit}"
     folder.mkdir(parents=True, exist_ok=True)
-    write_bytes(folder / TABLE, _csv(found, subject.tolerances).encode())
+    write_bytes(folder / TABLE, _csv(found, subject.tolerances).encode("utf-8", "replace"))
     scaled = [_scaled(effect, factor) for effect in effects]
     if as_json:
         voice.say(

@@ -77,8 +77,9 @@ def write_template(name: Path) -> Path:
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     if os.path.lexists(file):
         raise ProblemError(f"{file}: found a file of that name, expected a new one")
+    title = file.stem.encode("utf-8", "replace").decode()  # a name may have bytes that are no text
     try:
-        write_whole(file, TEMPLATE.format(title=tomlkit.item(file.stem).as_string()).encode())
+        write_whole(file, TEMPLATE.format(title=tomlkit.item(title).as_string()).encode())
     except OSError as error:
         raise ProblemError(f"{file}: found no way to write it ({error.strerror or error}), expected one") from error
     return file

@@ -19,6 +19,7 @@ from harness_opt.numerics.rotations import Array
 MOTION = "motion"
 KEPT = {"position": 3, "quaternion": 4, "curvature": 3, "force": 3, "moment": 3}  # numbers a station, in every file
 EXTRA = ("stable", "stability_margin", "residual", "estimated_error")  # a number a frame, in those of harness-opt
+ROUNDING, STRETCH = 1e-6, 1.01  # what shapes of any tolerance keep to: a cable does not stretch
 MOST_BYTES = 4 * 2**30  # of all arrays together, unpacked
 
 
@@ -62,7 +63,8 @@ def read_arrays(file: Path) -> tuple[Array, dict[str, CableMotion]]:
     except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, KeyError) as error:
         raise ValueError(f"{file.name}: {error}") from error
     motion = arrays.pop(MOTION, np.zeros(0))
-    if motion.ndim != 1 or not _finite(motion) or np.any(np.diff(motion) <= 0):
+    within = motion.ndim == 1 and _finite(motion) and np.all((motion >= 0.0) & (motion <= 1.0))
+    if not within or np.any(np.diff(motion) <= 0):
         raise ValueError(f"{file.name}: frames that do not follow each other")
     names = [key.removesuffix("/position") for key in arrays if key.endswith("/position")]
     return motion, {name: _cable(name, arrays, len(motion)) for name in names}
@@ -102,7 +104,7 @@ def plain_array(name: str, stored: Any, size: int) -> Array:
 def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
     """Return the shapes of cable ``name``, all of them of the sizes that fit each other."""
     s = arrays.get(f"{name}/s", np.zeros(0))
-    if s.ndim != 1 or len(s) < 2 or not _finite(s) or np.any(np.diff(s) <= 0):
+    if s.ndim != 1 or len(s) < 2 or not _finite(s) or s[0] != 0.0 or np.any(np.diff(s) <= 0):
         raise ValueError(f"{name}/s: no arc lengths")
     found: dict[str, Array] = {}
     for field, numbers in KEPT.items():
@@ -110,6 +112,11 @@ def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
         if values.shape != (frames, len(s), numbers) or not _finite(values):
             raise ValueError(f"{name}/{field}: {values.shape}, or not finite")
         found[field] = values
+    if np.any(np.abs(np.linalg.norm(found["quaternion"], axis=2) - 1.0) > ROUNDING):
+        raise ValueError(f"{name}/quaternion: not of unit length")
+    chords = np.linalg.norm(np.diff(found["position"], axis=1), axis=2)
+    if np.any(chords > STRETCH * np.diff(s) + ROUNDING * s[-1]):
+        raise ValueError(f"{name}/position: stations further apart than their arc lengths")
     for field in EXTRA:
         values = arrays.get(f"{name}/{field}", np.full(frames, np.nan))
         if values.shape != (frames,):

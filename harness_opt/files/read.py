@@ -45,6 +45,7 @@ DEEPEST = 32  # tables within tables; none of ours lies deeper than five
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""  # of a dotted key, bare or quoted
 LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PART}[.\]=]")
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
+NEAR = 20  # letters that are shown around one that cannot be written
 MOST_MISTAKES = 200  # that are told one by one
 MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
 MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
@@ -106,7 +107,12 @@ def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
         raise ProblemError(f"{file}: found a folder, expected the name of a file to write")
     try:
         text, tables = problem_text(problem, file)
-        content = text.encode()
+        try:
+            content = text.encode()
+        except UnicodeEncodeError as error:
+            name = shown(text[max(error.start - NEAR, 0) : error.end + NEAR].encode("utf-8", "replace").decode())
+            words = f"found the name of a mesh or table that is no UTF-8, near {name}, expected one that TOML can hold"
+            raise ProblemError(f"{file}: {words}") from None
         # the proof that it can be read, before anything is touched
         parse_problem(content, Places.around(file.parent), file, pending=tables)
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -298,7 +304,8 @@ def _path_of(end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotati
 
 
 def _cable_run(cable: file_schema.CableTable) -> CableRun:
-    return CableRun(_cable(cable), start=_end(cable.start), end=_end(cable.end), bow=cable.bow)
+    ends = _end(cable.start), _end(cable.end)
+    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at)
 
 
 def _cable(cable: file_schema.CableTable) -> Cable:
@@ -316,10 +323,7 @@ def _cable(cable: file_schema.CableTable) -> Cable:
 
 
 def _end(end: file_schema.EndTable) -> End:
-    quaternion: Any = end.quaternion
-    if end.tangent is not None:
-        quaternion = rotations.from_tangent(end.tangent, math.radians(end.roll_deg or 0.0))
-    return End(end.position, quaternion, end.force, end.moment, end.turns, end.body)
+    return End(**end.model_dump())
 
 
 def _part(part: file_schema.PartTable, places: Places) -> Part:
@@ -335,7 +339,7 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
 
 
 def _limits(limits: file_schema.LimitsTable) -> Limits:

@@ -2,65 +2,106 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from harness_opt.errors import HarnessError, ProblemError
-from harness_opt.files.arrays import read_arrays
+from harness_opt.files.arrays import ROUNDING, read_arrays
 from harness_opt.files.read import read_problem
 from harness_opt.files.result_folder import SUMMARY, read_summary
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Snap
 from harness_opt.numerics.rotations import Array
 
+USED = "used"  # in a result folder: the problem and the parts that it was made with
+GIVEN, REDESIGNED = "problem.toml", "redesigned.toml"  # in it
 
-def read_motion(
-    folder: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()
-) -> tuple[Motion, Motion | None, float]:
+
+def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, Motion | None, float]:
     """Return the motion that a result folder holds, that of the design before, and where the tightest limit stands.
 
     The latter from 0 to 1; the one before is None where nothing was redesigned. What ``motion.npz`` need not keep of
-    a cable, its stability and errors, is NaN.
+    a cable, its stability and errors, is NaN. Nothing is read but what lies in the folder: no link leads out of it.
 
     Args:
         folder: of the result.
-        folders: from which its problem file may read, as for :func:`harness_opt.read_problem`.
 
     Raises:
         HarnessError: files are missing, or are not what ``harness-opt`` writes.
-        ProblemError: the problem file can't be read any more.
     """
     folder = Path(folder)
     try:
+        within(folder, folder / SUMMARY)
         summary = read_summary(folder)
         if summary is None:
             raise HarnessError(f"{folder}: found no result of harness-opt, expected a result folder")
-        values, cables = read_arrays(folder / "motion.npz")
-        earlier = read_arrays(folder / "before.npz") if (folder / "before.npz").is_file() else None
-        source, rows = summary["problem"]["file"], [r for r in summary["limits"] if r["margin"] is not None]
+        values, cables = read_arrays(within(folder, folder / "motion.npz"))
+        file = within(folder, folder / "before.npz")
+        earlier = read_arrays(file) if file.is_file() else None
+        rows = [row for row in summary["limits"] if row["margin"] is not None]
         tight = min(rows, key=lambda r: r["margin"] / (abs(r["limit"]) or 1.0), default={"motion": 0.0})
         worst = float(tight["motion"])
+        if not 0.0 <= worst <= 1.0:
+            raise ValueError(f"a limit at motion {worst:g}")
         snaps = tuple(
             Snap(str(snap["cable"]), int(snap["frame"]), float(snap["motion"])) for snap in summary.get("snaps", ())
         )
     except OSError as error:
         raise HarnessError(f"{folder}: found no {error.filename or error}, expected a result folder") from error
-    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise HarnessError(f"{folder}: found a damaged result ({error!r}), expected a whole one") from error
-    if not isinstance(source, str):
-        raise HarnessError(f"{folder}: found no name of a problem file, expected one to know the parts by")
-    if (folder / source).exists() and not (folder / source).is_file():
-        raise HarnessError(f"{folder}: found {source!r} for its problem file, a folder or a device, expected a file")
-    given = read_problem(folder / source, folders)
-    redesigned = folder / "redesigned.toml"
-    problem = read_problem(redesigned, folders) if redesigned.is_file() else given
-    if set(cables) != set(problem.cables) or not len(values):
-        raise HarnessError(f"{folder}: found shapes of {sorted(cables)}, expected {sorted(problem.cables)}")
+    given = _problem(folder, GIVEN)
+    redesigned = within(folder, folder / USED / REDESIGNED).is_file()
+    problem = _problem(folder, REDESIGNED) if redesigned else given
+    for shapes, of in ((cables, problem), *(() if earlier is None else ((earlier[1], given),))):
+        if set(shapes) != set(of.cables) or not len(values):
+            raise HarnessError(f"{folder}: found shapes of {sorted(shapes)}, expected {sorted(of.cables)}")
+        for name, run in of.cables.items():
+            length = float(shapes[name].s[-1])
+            if not math.isclose(length, run.cable.length, rel_tol=ROUNDING):
+                words = f"{name} {length:g} m long, not {run.cable.length:g}"
+                raise HarnessError(f"{folder}: found a damaged result ({words}), expected a whole one")
+    if any(snap.cable not in cables or not 0 <= snap.frame < len(values) for snap in snaps):
+        raise HarnessError(f"{folder}: found a damaged result (a snap of no cable or frame), expected a whole one")
     motion = Motion(problem, values, cables, snaps=snaps)
     before = None if earlier is None or not earlier[1] else Motion(given, *earlier)
     return motion, before, worst
+
+
+def within(folder: Path, file: Path) -> Path:
+    """Return ``file`` of a result ``folder``.
+
+    Raises:
+        HarnessError: a link leads out of the folder.
+        OSError: links lead in a circle.
+    """
+    try:
+        real = file.resolve()
+    except RuntimeError as error:  # of links in a circle
+        raise OSError(str(error)) from error
+    if not real.is_relative_to(folder.resolve()):
+        raise HarnessError(f"{folder}: found a link out of it, {file.relative_to(folder)}, expected a file of its own")
+    return file
+
+
+def _problem(folder: Path, name: str) -> Problem:
+    """Return a problem that a result was made with.
+
+    Raises:
+        HarnessError: it is not there, or damaged.
+    """
+    file = folder / USED / name
+    if not within(folder, file).is_file():
+        words = "expected the problem and the parts that it was made with; simulate writes them"
+        raise HarnessError(f"{folder}: found no file {USED}/{name}, {words}")
+    try:
+        return read_problem(file)
+    except ProblemError as error:
+        raise HarnessError(f"{folder}: found a damaged result ({error.mistakes[0]}), expected a whole one") from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +129,12 @@ def read_results(folder: str | Path) -> StoredResult:
     """
     place = Path(folder).resolve()
     try:
+        within(place, place / SUMMARY)
         content = read_summary(place)
         if content is None:
             raise ProblemError(f"{folder}: found no result of harness-opt, expected a folder with {SUMMARY}")
-        return StoredResult(place, content, *read_arrays(place / "motion.npz"))
+        return StoredResult(place, content, *read_arrays(within(place, place / "motion.npz")))
+    except HarnessError as error:
+        raise ProblemError(str(error)) from error
     except (OSError, ValueError) as error:
         raise ProblemError(f"{folder}: found a damaged result ({error}), expected a whole one") from error

@@ -55,7 +55,7 @@ class BetweenFrames:
             cable: its name.
             values: motion values (k,), from the first frame's to the last one's.
         """
-        problem, shapes, frames = self._motion.problem, self._motion.cables[cable], self._motion.motion
+        problem, shapes, frames = self._motion.held(cable), self._motion.cables[cable], self._motion.motion
         before = np.clip(np.searchsorted(frames, values, side="right") - 1, 0, len(frames) - 2)
         if _rests(problem, cable):
             return shapes.at_frames(before), ("",) * len(values)

@@ -210,8 +210,8 @@ def disperse(
     if clamp not in ("start", "end"):
         raise ProblemError(f"clamp: found {clamp!r}, expected 'start' or 'end'")
     end: End = getattr(problem.cables[cable], clamp)
-    if end.position is None or end.quaternion is None:
-        free = [name for name in ("position", "quaternion") if getattr(end, name) is None]
+    if end.position is None or end.frame is None:
+        free = [name for name, given in (("position", end.position), ("quaternion", end.frame)) if given is None]
         raise ProblemError(
             f"cables.{cable}.{clamp}: found an end without {' and '.join(free)}, expected both: only a clamp has a path"
         )
@@ -219,7 +219,7 @@ def disperse(
         raise ProblemError("bodies: found none with a motion, expected one: a clamp that stands still has no path")
     position, quaternion = problem.poses(end.body, place_frames(problem, spatial_step))
     position = position + rotations.rotate(quaternion, end.position)
-    return Path(position, rotations.matrix(rotations.multiply(quaternion, end.quaternion)))
+    return Path(position, rotations.matrix(rotations.multiply(quaternion, end.frame)))
 
 
 def profiles(motion: Motion, cable: str) -> tuple[Profile, ...]:

@@ -14,6 +14,7 @@ from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
+from harness_opt.motion.snaps import first_shape
 from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
@@ -41,11 +42,10 @@ def sweep_by_quadrature(
         first: the shape to begin the first frame at; None leaves it to a cold start.
         progress: called with the cable's name, frames done, frames in all.
     """
-    cases, units = CableCases(problem, name, START_SOLVER), rod_module.scale(problem.cables[name].cable)[1]
-    ends, before = problem.ends(name, motion), first
-    if before is None:
-        solved = cases.cold_start(cases.posed(ends[0], None))
-        before = solved.rod if solved is not None and solved.ok else None
+    units = rod_module.scale(problem.cables[name].cable)[1]
+    cases = CableCases(problem, name, START_SOLVER, first=first if motion[0] == 0.0 else None)
+    ends = cases.problem.ends(name, motion)
+    before = first or _first_shape(cases, float(motion[0]))
     frames: list[QuadratureSolve] = []
     judged: list[Stability] = []
     status, message = Status.OK, ""
@@ -81,3 +81,9 @@ def sweep_by_quadrature(
         estimated_error=np.array([frame.error for frame in frames]),
     )
     return Followed(shapes, (), status, message)
+
+
+def _first_shape(cases: CableCases, at: float) -> Rod | None:
+    """Return the shape of a cold start with the turns asked for; None where there is none."""
+    solved = first_shape(cases, at)
+    return solved.rod if solved is not None and solved.ok and not solved.passed else None

@@ -118,7 +118,7 @@ def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], sec
     solved = {name: found.shapes for name, found in cables.items() if found.shapes is not None}
     frames = min((len(shapes.position) for shapes in solved.values()), default=0)
     failed = [found for found in cables.values() if not found.status.ok]
-    snaps = [Snap(name, k, at) for name, found in cables.items() for k, at in found.snaps if k < frames]
+    snaps = [Snap(name, *snap) for name, found in cables.items() for snap in found.snaps if snap[0] < frames]
     return Motion(
         problem,
         motion[:frames],
@@ -126,6 +126,7 @@ def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], sec
         failed[0].status if failed else Status.OK,
         "; ".join(found.message for found in failed),
         tuple(snaps),
+        tuple(name for name, found in cables.items() if found.begins_through_itself),
         left_out(problem),
         {"solve": seconds},
     )

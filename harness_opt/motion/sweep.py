@@ -15,6 +15,7 @@ from harness_opt.errors import Status
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities, cubic_errors
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import CableFollower, Progress
 from harness_opt.motion.frames import Frames, batch, blocks
@@ -23,9 +24,9 @@ from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.corrections import solve_along_near_null
+from harness_opt.statics.fitting import Fitted
 from harness_opt.statics.mesh import finer_mesh
-from harness_opt.statics.solve import Solved, resample, solve_on
+from harness_opt.statics.solve import Solved, resample, solve_along_near_null, solve_on
 
 Rigour = Literal["full", "stable", "quick look"]
 
@@ -42,8 +43,10 @@ class Sweep:
         units, diameter: of the cable, m.
         stability: of the frames, batched.
         errors: estimated, (P,), in lengths of the cable.
-        snaps: (frame, motion) of each jump.
+        snaps: (frame, motion, whether the cable goes through itself) of each jump.
         status, message: why the sweep ended early; OK and empty otherwise.
+        fitted: the cable as it was fitted, where the roll of an end was found so.
+        begins_through_itself: as of :class:`~harness_opt.model.results.Followed`.
     """
 
     frames: Sequence[Solved]
@@ -52,9 +55,11 @@ class Sweep:
     diameter: float
     stability: Stability
     errors: Array
-    snaps: tuple[tuple[int, float], ...]
+    snaps: tuple[tuple[int, float, bool], ...]
     status: Status
     message: str
+    fitted: Fitted | None = None
+    begins_through_itself: bool = False
 
     @property
     def rod(self) -> Rod:
@@ -78,7 +83,7 @@ def start_positions(ends: Sequence[tuple[End, End]], last: Array, units: Units) 
     )
 
 
-def sweep(
+def sweep(  # noqa: PLR0913
     problem: Problem,
     name: str,
     motion: Array,
@@ -88,6 +93,7 @@ def sweep(
     elements: int | None = None,
     first: Rod | None = None,
     guesses: Sequence[Solved | None] | None = None,
+    near: Fitted | None = None,
     rigour: Rigour = "full",
     progress: Progress | None = None,
 ) -> Sweep:
@@ -103,12 +109,14 @@ def sweep(
         elements: least number of elements; None leaves it to the tolerance.
         first: the shape of the first frame, of a like cable; None leaves it to a cold start.
         guesses: solves of a like motion to start from, one a frame or None.
+        near: a fit of a like cable to start from, for the roll of an untwisted end.
         rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
             the same; "quick look" leaves out stability and accuracy both.
         progress: called with the cable's name, frames done, frames in all.
     """
     quick_look = rigour == "quick look"
-    follower = CableFollower(problem, name, motion, solver, elements or 0, progress)
+    cases = CableCases(problem, name, solver, near, first if motion[0] == 0.0 else None)
+    follower = CableFollower(cases, motion, elements or 0, progress)
     try:
         status, message = follower.run_all(first, guesses, check=not quick_look)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
@@ -136,7 +144,10 @@ def sweep(
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
     origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
-    return Sweep(frames, origins, units, cable.diameter, answer, errors, tuple(follower.snaps), status, message)
+    return Sweep(
+        frames, origins, units, cable.diameter, answer, errors, tuple(follower.snaps), status, message, cases.fitted,
+        follower.begins_through_itself,
+    )  # fmt: skip
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:
@@ -251,4 +262,4 @@ def cable_motion(swept: Sweep, shares: Array | None = None) -> CableMotion:
 def followed(swept: Sweep) -> Followed:
     """Return the plain results of a sweep."""
     shapes = cable_motion(swept) if swept.frames else None
-    return Followed(shapes, swept.snaps, swept.status, swept.message)
+    return Followed(shapes, swept.snaps, swept.status, swept.message, swept.begins_through_itself)

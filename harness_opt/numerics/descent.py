@@ -131,7 +131,7 @@ class _Minimiser:
                 self._raise_shift(4.0)
                 continue
             step, change = self.solve(-here.gradient, -here.constraint)
-            size = float(np.max(np.linalg.norm(step.reshape(-1, 3), axis=1)))
+            size = self.landscape.size(step)
             if not np.isfinite(size):
                 self._raise_shift(4.0)
                 continue

@@ -135,6 +135,10 @@ class Landscape(Protocol):
         """Return the energy less the multipliers' work to second order."""
         ...
 
+    def size(self, step: Array) -> float:
+        """Return how long a step is, as a descent limits it."""
+        ...
+
     def move(self, q: Array, step: Array) -> Array:
         """Return the point a step further."""
         ...

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-MOST_FACES = 10_000_000
+MOST_FACES = 8_000_000  # coal's tree takes 0.6 kB for each, and 6 GB are the most that is to be taken
 MOST_NUMBERS = 12 * MOST_FACES  # that one array may hold: as many triangles with corners of their own, and normals
 MOST_TEXT = 250_000_000  # bytes of a mesh written as text, which takes ten times as much while it is read
 MOST_NODES = 10_000  # of the tree in a glTF file, and pieces of its meshes: each takes a while to place
@@ -34,7 +34,12 @@ class Refused(ValueError):
     """
 
     def __init__(self, found: str, expected: str = MESH):
+        self._words = found, expected
         super().__init__(f"found {found}, expected {expected}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes it anew in another process."""
+        return type(self), self._words
 
 
 def beside(file: Path, most_bytes: int) -> dict[str, bytes]:
@@ -57,7 +62,7 @@ def beside(file: Path, most_bytes: int) -> dict[str, bytes]:
     elif suffix == ".ply":
         _ply(file)
     else:
-        head = _gltf_head(file)
+        head = gltf_head(file)
         _refuse_accessors(head)
         return _buffers(head, file, most_bytes)
     return {}
@@ -72,7 +77,7 @@ def _refuse_long(file: Path) -> None:
 def refuse_faces(count: int) -> None:
     """Raise where there are more triangles than anything here is made for."""
     if count > MOST_FACES:
-        raise Refused(f"{count:,} triangles", f"at most {MOST_FACES:,}")
+        raise Refused(f"{count:,} triangles", f"at most {MOST_FACES:,}, among which a search takes 6 GB")
 
 
 def _stl(file: Path) -> None:
@@ -118,7 +123,7 @@ def _ply(file: Path) -> None:
 # --- glTF ----------------------------------------------------------------------------------------------
 
 
-def _gltf_head(file: Path) -> dict[str, Any]:
+def gltf_head(file: Path) -> dict[str, Any]:
     """Return the JSON of a glTF file, or of the first chunk of a GLB file."""
     if file.suffix.lower() == ".gltf":
         _refuse_long(file)

@@ -6,6 +6,7 @@ through coal (``mesh.py``); both packages are imported when the first mesh is lo
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -20,6 +21,7 @@ from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.mesh import Mesh
 from harness_opt.parts.mesh_file import read_mesh
 from harness_opt.parts.mesh_headers import MOST_FACES
+from harness_opt.parts.outer_surface import CLOSED_GAP
 from harness_opt.parts.primitives import Primitive
 
 __all__ = ["Geometry", "Mesh", "Primitive", "Scene", "load_scene"]
@@ -71,9 +73,13 @@ def _geometry(name: str, part: Part) -> Geometry:
     """Return one part as geometry; raises as :func:`load_scene` does."""
     shape = part.shape
     if isinstance(shape, MeshFile):
+        if importlib.util.find_spec("coal") is None:
+            words = "found no coal, which measures distances to meshes, expected it: it is not offered for Windows"
+            raise ProblemError(f"parts.{name}.mesh: {words}; boxes, spheres, cylinders and capsules need none")
         vertices, faces, closed = read_mesh(f"parts.{name}.mesh", shape)
+        gap = CLOSED_GAP * float(np.abs(vertices).max())  # before the pose: it was the file that rounded
         vertices = part.position + rotations.rotate(part.quaternion, vertices)
-        return Mesh.of(name, part.body, vertices, faces, closed)
+        return Mesh.of(name, part.body, vertices, faces, closed, gap)
     for key, size in vars(shape).items():
         numbers = np.atleast_1d(np.asarray(size, dtype=float))
         if not (np.all(np.isfinite(numbers)) and np.all(numbers > 0)):

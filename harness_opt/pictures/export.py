@@ -37,7 +37,7 @@ COLUMNS = (
 
 
 @one_at_a_time
-def export(folder: str | Path, kind: str, target: str | Path, folders: Iterable[str | Path] = ()) -> list[str]:
+def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
     """Write the motion that a result folder holds for another program; return what was written, a sentence each.
 
     Args:
@@ -45,7 +45,6 @@ def export(folder: str | Path, kind: str, target: str | Path, folders: Iterable[
         kind: "paraview" (``motion.pvd``, with a ``.vtp`` for each frame), "csv" (a table for each cable), "gltf"
             (``motion.glb``, animated) or "stl" (the volume that each cable sweeps).
         target: folder to write in; made where it is missing.
-        folders: from which its problem file may read, as for :func:`harness_opt.read_problem`.
 
     Raises:
         HarnessError: no result in ``folder``, or a package that the export needs is missing; one line.
@@ -59,7 +58,7 @@ def export(folder: str | Path, kind: str, target: str | Path, folders: Iterable[
     }
     if kind not in writers:
         raise HarnessError(f"found an export to {kind!r}, expected one of {', '.join(KINDS)}")
-    motion, _, _ = read_motion(folder, folders)
+    motion, _, _ = read_motion(folder)
     scene = load_scene(motion.problem)
     with filling(Path(target)) as aside:
         return [line.replace(str(aside), str(target), 1) for line in writers[kind](motion, scene, aside)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,7 +34,7 @@ MODES = ("limits", "clearance", "bend", "twist")  # ways to colour a cable, in t
 KEYS = "space: play    left, right: step    w: worst moment    c: colours    g: ghosts    f: clamp frames    q: close"
 
 
-def show(folder: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()) -> None:
+def show(folder: str | os.PathLike[str]) -> None:
     """Open a window on a result folder and return when it is closed; a slider moves along the motion.
 
     Space plays, the arrow keys step, "w" goes to the worst moment, "c" changes what the cables are coloured by, "g"
@@ -43,13 +43,12 @@ def show(folder: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str
 
     Args:
         folder: of the result.
-        folders: from which its problem file may read, as for :func:`harness_opt.read_problem`.
 
     Raises:
         HarnessError: the folder holds no result, pyvista is missing, or there is no display; one line.
         ProblemError: its problem file, or a mesh, can't be read any more.
     """
-    motion, before, worst = read_motion(folder, folders)
+    motion, before, worst = read_motion(folder)
     load_pyvista()
     with quiet():
         visible = not sys.platform.startswith("linux") or has_screen()

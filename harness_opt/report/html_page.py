@@ -272,7 +272,8 @@ def write_page(report: Report, summary: Summary, folder: Path) -> str:
     redesigned = folder / "redesigned.toml"
     if redesigned.is_file():
         texts["redesigned.toml"] = redesigned.read_text(encoding="utf-8")
-    (folder / FILE).write_text(html(report, summary, texts), encoding="utf-8")
+    # "replace": bytes of file names that are no text
+    (folder / FILE).write_text(html(report, summary, texts), encoding="utf-8", errors="replace")
     return FILE
 
 
@@ -294,5 +295,5 @@ def write_report(result: Motion | Redesign, file: str | Path) -> Path:
         texts = None
     else:
         texts = _texts(report) | {"redesigned.toml": problem_text(result.problem, Path(file).resolve())[0]}
-    write_whole(Path(file), html(report, content, texts).encode())
+    write_whole(Path(file), html(report, content, texts).encode("utf-8", "replace"))
     return Path(file)

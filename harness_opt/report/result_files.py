@@ -13,10 +13,13 @@ from harness_opt.errors import ProblemError
 from harness_opt.files.arrays import write_arrays
 from harness_opt.files.read import write_problem
 from harness_opt.files.result_folder import SUMMARY, replacing
+from harness_opt.files.stored_results import GIVEN, REDESIGNED
 from harness_opt.files.summary import Command, Summary
 from harness_opt.model.problem import input_files
 from harness_opt.model.results import Motion
 from harness_opt.numerics.threads import one_at_a_time
+from harness_opt.parts.scene import Scene, load_scene
+from harness_opt.parts.used import write_used
 from harness_opt.report.summary import _asked, as_json, summary, timed
 
 if TYPE_CHECKING:
@@ -38,11 +41,13 @@ def write_results(
     command: Command | None = None,
     pictures: Pictures | None = None,
     page: Page | None = None,
+    scene: Scene | None = None,
 ) -> Summary:
     """Write the result folder, complete or not at all, and return its summary.
 
     It holds ``summary.json`` and ``motion.npz``; for a redesign also ``redesigned.toml`` and ``before.npz``,
-    the motion of the design given. An earlier result of harness-opt in the same place is replaced.
+    the motion of the design given. In ``used`` lie the problem and the parts that it was made with. An earlier result
+    of harness-opt in the same place is replaced.
 
     Args:
         result: of a simulation or a redesign.
@@ -50,23 +55,29 @@ def write_results(
         measured, command: as in :func:`summary`.
         pictures: draws a result into a folder and returns the names of the files; None draws none.
         page: writes a report of the summary into a folder and returns the name of its file; None writes none.
+        scene: the parts; None loads them.
 
     Raises:
         ProblemError: ``folder`` holds something else, or cannot be written; a mesh that cannot be used.
     """
+    given = _asked(result)
+    scene = load_scene(given) if scene is None else scene
     if isinstance(result, Motion) and measured is None:
-        measured = clearances(result)
-    with replacing(Path(folder), input_files(_asked(result))) as aside:
+        measured = clearances(result, scene)
+    problems = {GIVEN: given}
+    with replacing(Path(folder), input_files(given)) as aside:
         if isinstance(result, Motion):
             _write_arrays(aside / "motion.npz", result)
         else:
             _write_arrays(aside / "motion.npz", result.motion)
             _write_arrays(aside / "before.npz", result.motion_before)
             write_problem(result.problem, aside / "redesigned.toml")
+            problems[REDESIGNED] = result.problem
             if result.trade_off is not None:
                 from harness_opt.report.trade_off_files import write_trade_off
 
                 write_trade_off(result.trade_off, aside)
+        write_used(aside, problems, scene)
         if pictures is not None:
             begin = time.perf_counter()
             pictures(result, aside)

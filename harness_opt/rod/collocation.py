@@ -26,8 +26,21 @@ from harness_opt.numerics.machine_code import Buffered, wanted
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import collocation_element as element
-from harness_opt.rod.boundary import Boundary, Kind
-from harness_opt.rod.collocation_element import CLOSURE, FORCE, NODE, PARAMETERS, Symbols
+from harness_opt.rod.boundary import (
+    END_ENTRIES,
+    START_ENTRIES,
+    Boundary,
+    Kind,
+    relative_matrix,
+    swivel_rates,
+)
+from harness_opt.rod.collocation_element import (
+    CLOSURE,
+    FORCE,
+    NODE,
+    PARAMETERS,
+    Symbols,
+)
 from harness_opt.rod.equations import Section
 from harness_opt.rod.states import Rod
 
@@ -117,32 +130,18 @@ def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Indi
         rows = [np.where(r >= closure, -1, r) for r in rows]
     node, force = (NODE + 4 * stages) * elements, transcription.size - FORCE
     end = closure + CLOSURE
-    if kind.start_orientation:
-        rows.append(np.arange(4))
-        columns.append(np.arange(4))
-    else:
-        rows.append(np.array([0, 0, 0, 0, 1, 2, 3]))
-        columns.append(np.arange(NODE))
+    rows.append(np.array(START_ENTRIES[kind.start_held][0]))
+    columns.append(np.array(START_ENTRIES[kind.start_held][1]))
     if not (kind.start_position and kind.end_position):
         rows.append(closure + np.arange(3))
         columns.append(force + np.arange(3))
-    if kind.end_orientation:
-        rows.append(np.repeat(end + np.arange(3), 4))
-        columns.append(np.tile(node + np.arange(4), 3))
-    else:
-        rows.append(end + np.arange(3))
-        columns.append(node + 4 + np.arange(3))
+    rows.append(end + np.array(END_ENTRIES[kind.end_held][0]))
+    columns.append(node + np.array(END_ENTRIES[kind.end_held][1]))
     row, column = np.concatenate(rows), np.concatenate(columns)
     used = np.flatnonzero(row >= 0)
     order = used[np.lexsort((row[used], column[used]))]
     indptr = np.searchsorted(column[order], np.arange(transcription.size + 1))
     return order, row[order].astype(np.int32), indptr.astype(np.int32)
-
-
-def relative_matrix(boundary: Boundary) -> Array:
-    """Return the matrix (3, 4) that takes q to the vector part of conj(q_end) q."""
-    a, b, c, d = boundary.end_quaternion.tolist()
-    return np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
 
 
 @functools.lru_cache(maxsize=32)
@@ -191,7 +190,7 @@ class BoundCollocation:
         n, s, kind = transcription.elements, transcription.stages, boundary.kind
         self._residual, self._pattern = transcription.residual(kind), _pattern(n, s, transcription.loaded, kind)
         self._node = (NODE + 4 * s) * n
-        self._relative = relative_matrix(boundary)
+        self._relative = relative_matrix(boundary.end_quaternion)
         self._values = np.concatenate(
             (
                 mesh[1:] - mesh[:-1], mesh[:-1], section.stiffness, section.rest_curvature, load, boundary.gap,
@@ -208,15 +207,25 @@ class BoundCollocation:
 
     def linearise(self, x: Array) -> tuple[Array, sp.csc_array]:
         """Return R(x) and its Jacobian."""
-        t, b = self.transcription, self.boundary
+        t, kind = self.transcription, self.boundary.kind
         entries = t.entries(x, self._values)
-        boundary_entries = [np.ones(4) if b.kind.start_orientation else np.concatenate([2 * x[:4], np.ones(3)])]
-        if not (b.kind.start_position and b.kind.end_position):
+        boundary_entries = self._start_entries(x)
+        if not (kind.start_position and kind.end_position):
             boundary_entries.append(np.ones(3))
-        boundary_entries.append(self._relative.ravel() if b.kind.end_orientation else np.ones(3))
+        if kind.end_swivels:
+            boundary_entries += [self._relative[:2].ravel(), rotations.tangent(self.boundary.end_quaternion)]
+        else:
+            boundary_entries.append(self._relative.ravel() if kind.end_orientation else np.ones(3))
         order, indices, indptr = self._pattern
         data = np.concatenate([entries, *boundary_entries])[order]
         return self.residual(x), sp.csc_array((data, indices, indptr), shape=(t.size, t.size))
+
+    def _start_entries(self, x: Array) -> list[Array]:
+        """Return the entries of the Jacobian that belong to the start's equations."""
+        clamp, kind = self.boundary.start_quaternion, self.boundary.kind
+        if kind.start_swivels:
+            return [2 * x[:4], relative_matrix(clamp)[:2].ravel(), rotations.tangent(clamp)]
+        return [np.ones(4)] if kind.start_orientation else [2 * x[:4], np.ones(3)]
 
     def parametric(self) -> tuple[Equations, Array]:
         """Return the equations of this kind in symbols, and the values of their parameters."""
@@ -291,7 +300,9 @@ class BoundCollocation:
         closure, end = START + t.elements * count, START + t.elements * count + CLOSURE
         applied = {name: np.zeros((3, k)) for name in ("start_force", "end_force", "start_moment", "end_moment")}
         applied.update(loads or {})
-        if b.kind.start_orientation:
+        if b.kind.start_swivels:
+            out[1:4] = swivel_rates(b.start_quaternion, start_turn, x[:NODE])
+        elif b.kind.start_orientation:
             turned = rotations.multiply(b.start_quaternion, np.pad(start_turn.T, ((0, 0), (1, 0))))
             out[:4] = -0.5 * turned.T
         else:
@@ -302,7 +313,9 @@ class BoundCollocation:
             out[closure : closure + 3] = -load - applied["end_force"]
         else:
             out[closure : closure + 3] = applied["start_force"]
-        if b.kind.end_orientation:
+        if b.kind.end_swivels:
+            out[end:] = swivel_rates(b.end_quaternion, end_turn, x[self._node : self._node + NODE])
+        elif b.kind.end_orientation:
             relative = rotations.multiply(rotations.conjugate(b.end_quaternion), x[self._node : self._node + 4])
             out[end:] = -0.5 * rotations.multiply(np.pad(end_turn.T, ((0, 0), (1, 0))), relative).T[1:]
         else:

@@ -29,7 +29,7 @@ class Pencil:
 
     def __init__(self, variation: SecondVariation):
         kind, closed = variation.kind, variation.closed
-        self._pattern = pattern(len(variation.masses), kind.start_orientation, kind.end_orientation, closed)
+        self._pattern = pattern(len(variation.masses), kind.start_held, kind.end_held, closed)
         self._border = 3 if closed else 0
         self._size = variation.size
         stiffness, mass = variation.blocks[self._pattern.blocks], variation.masses[self._pattern.blocks]

@@ -6,8 +6,7 @@ import numpy as np
 
 from harness_opt.errors import Status
 from harness_opt.numerics.rotations import Array
-from harness_opt.statics.corrections import correct_to_rounding
-from harness_opt.statics.solve import STAGES, Solved, error_estimate, resample, solve_on
+from harness_opt.statics.solve import STAGES, Solved, correct_to_rounding, error_estimate, resample, solve_on
 
 # meshes on offer; a function is built once for each
 ELEMENTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)

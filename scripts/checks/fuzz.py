@@ -5,9 +5,9 @@
 
 Each input is one of the shipped problems, or a small one that has all kinds of files, with a few bytes or a few keys of
 one of its files changed. Most are given to ``check``, some to ``simulate``, ``redesign`` or, as a result folder, to
-``export``. Every run has to end with an exit code from 0 to 3 and no traceback within a stated time and memory, say
-something where the code is 2, and leave a whole result folder or none. What fails is kept with its number, which makes
-it again; the table at the end counts exit codes by command.
+``export``, or with what was found so far to ``study``. Every run has to end with an exit code from 0 to 3 and no
+traceback within a stated time and memory, say something where the code is 2, and leave a whole result folder or none.
+What fails is kept with its number, which makes it again; the table at the end counts exit codes by command.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from pathlib import Path
 import numpy as np
 from fuzz_inputs import Example, examples, put
 
-SECONDS = {"check": 20.0, "simulate": 60.0, "redesign": 60.0, "export": 60.0}  # that a run may take
+SECONDS = dict.fromkeys(("check", "simulate", "redesign", "export", "study"), 10.0)  # of its own, that a run may take
 TIME_LIMIT = "4"  # s, given to the commands that take one
 MEMORY = 4 * 2**30  # bytes of address space that a run may take
-COMMANDS = ("check",) * 92 + ("simulate",) * 3 + ("redesign",) + ("export",) * 4
+COMMANDS = ("check",) * 89 + ("simulate",) * 3 + ("redesign",) + ("export",) * 5 + ("study",) * 2
 
 
 # --- running -------------------------------------------------------------------------------------------
@@ -67,8 +67,10 @@ def tried(command: str, file: str, folder: Path) -> Outcome:
         arguments += ["--no-pictures", "--time-limit", TIME_LIMIT]
     elif command == "export":
         arguments += ["--to", "csv", "--to", "gltf"]
+    elif command == "study":
+        arguments += ["--workers", "1", "-q"]
     before, out, err = Path.cwd(), io.StringIO(), io.StringIO()
-    begin, code, wrong = time.perf_counter(), None, []
+    begin, code, wrong = time.process_time(), None, []
     os.chdir(folder)
     try:
         with (
@@ -82,7 +84,7 @@ def tried(command: str, file: str, folder: Path) -> Outcome:
         wrong.append(f"escaped: {traceback.format_exc(limit=-3)}")
     finally:
         os.chdir(before)
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin  # a busy machine is no fault of the program's
     said = out.getvalue() + err.getvalue()
     wrong += [f"python warns: {w.category.__name__}: {w.message} ({w.filename}:{w.lineno})" for w in caught]
     if not wrong and code not in (0, 1, 2, 3):
@@ -107,6 +109,8 @@ def left_behind(folder: Path) -> Iterator[str]:
         if place.name.startswith("."):
             yield f"left behind: {place.name}"
             continue
+        if (place / "study.sqlite").exists():
+            continue
         stored = read_results(place)
         text = (place / "summary.json").read_text(encoding="utf-8")
         json.loads(text, parse_constant=lambda name: (_ for _ in ()).throw(ValueError(name)))
@@ -123,10 +127,21 @@ def result_of(example: Example, folder: Path) -> Example:
     put(example.contents, folder)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         main(["simulate", str(folder / example.file), "-o", str(folder / "result"), "--no-pictures", "-q"])
-    contents = {f"result/{f.name}": f.read_bytes() for f in (folder / "result").iterdir()}
-    where = json.dumps(str(folder))[1:-1].encode()
-    contents["result/summary.json"] = contents["result/summary.json"].replace(where, b"HERE")
-    return Example("result/summary.json", contents)
+    files = [file for file in (folder / "result").rglob("*") if file.is_file()]
+    return Example("result/summary.json", {f.relative_to(folder).as_posix(): f.read_bytes() for f in files})
+
+
+def study_of(example: Example, folder: Path) -> Example:
+    """Return a study of ``example`` with what it has found, as an example that ``study`` takes."""
+    from harness_opt import study
+
+    store = "results/study/study.sqlite"
+    text = f'schema = 1\nproblem = "{example.file}"\nmethod = "grid"\n[vary]\n"cables.lead.length" = [0.3, 0.31]\n'
+    contents = example.contents | {"study.toml": text.encode()}
+    put(contents, folder)
+    lengths = [{"cables.lead.length": length} for length in (0.3, 0.31)]
+    list(study(folder / example.file, lengths, workers=1, store=folder / store))
+    return Example("study.toml", contents | {store: (folder / store).read_bytes()})
 
 
 @dataclass
@@ -135,21 +150,22 @@ class Inputs:
 
     problems: list[Example] = field(default_factory=examples)
     result: Example | None = None
+    study: Example | None = None
 
     def make(self, number: int, folder: Path) -> tuple[str, str]:
         """Put input ``number`` into ``folder``; return the command and what it is given."""
         dice = random.Random(number)
         command = dice.choice(COMMANDS)
         if command == "export" and self.result is not None:
-            base = self.problems[-1]
-            put(base.contents | self.result.spoilt(dice), folder)
-            summary = folder / "result" / "summary.json"
-            summary.write_bytes(summary.read_bytes().replace(b"HERE", json.dumps(str(folder))[1:-1].encode()))
+            put(self.result.spoilt(dice), folder)
             return command, "result"
+        if command == "study" and self.study is not None:
+            put(self.study.spoilt(dice), folder)
+            return command, self.study.file
         example = dice.choice(self.problems)
         contents = example.spoilt(dice)
         put(contents, folder)
-        return ("check" if command == "export" else command), example.file
+        return ("check" if command in ("export", "study") else command), example.file
 
 
 def work(inputs: Inputs, numbers: Sequence[int], pipe: object, place: str) -> None:
@@ -171,11 +187,12 @@ def campaign(numbers: Sequence[int], report: Callable[[int, str, Outcome], None]
     base.mkdir()
     inputs = Inputs()
     inputs.result = result_of(inputs.problems[-1], base)
+    inputs.study = study_of(inputs.problems[-1], Path(place, "study"))
     left = list(numbers)
     context = multiprocessing.get_context("fork")
     while left:
         receiver, sender = context.Pipe(duplex=False)
-        process = context.Process(target=work, args=(inputs, left, sender, place), daemon=True)
+        process = context.Process(target=work, args=(inputs, left, sender, place))
         process.start()
         sender.close()
         running: tuple[int, str] = (left[0], "check")

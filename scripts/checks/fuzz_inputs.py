@@ -161,8 +161,10 @@ class Example:
         """Return the contents with one of the files spoilt."""
         name = self.file if dice.random() < 0.5 else dice.choice(sorted(self.contents))
         content = self.contents[name]
-        if name.endswith((".toml", ".csv", ".json")) and dice.random() < 0.7:
-            return self.contents | {name: spoilt_lines(content.decode(), dice).encode(errors="surrogatepass")}
+        if name.endswith((".toml", ".csv", ".json", ".gltf", ".obj")) and dice.random() < 0.7:
+            return self.contents | {
+                name: spoilt_lines(content.decode(errors="replace"), dice).encode(errors="surrogatepass")
+            }
         return self.contents | {name: spoilt_bytes(content, dice)}
 
 

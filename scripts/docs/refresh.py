@@ -10,8 +10,8 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "docs"))
-from pages import RUN, Reader, blocks, commands_of, pages  # noqa: E402
+sys.path.insert(0, str(ROOT / "tests"))
+from oracles.pages import RUN, Reader, blocks, commands_of, pages  # noqa: E402
 
 
 def main() -> None:

@@ -198,7 +198,7 @@ def test_absurd_answers_about_boxes_are_not_believed(tmp_path, rng, monkeypatch)
     def lying(self, corners, middle):
         return np.resize([np.nan, -1.8e308, 1.8e308, 1.0, -1.0], len(corners))
 
-    monkeypatch.setattr(type(geometry.query), "boxes", lying)
+    monkeypatch.setattr(type(geometry.shell.query), "boxes", lying)
     bound = geometry.hull_bound(corners, middle, at_middle)
     points = np.einsum("kwc,kci->kwi", rng.dirichlet(np.ones(4), (60, 40)), corners)
     least = geometry.signed_distance(points.reshape(-1, 3))[0].reshape(60, -1).min(axis=1)

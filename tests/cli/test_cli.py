@@ -213,7 +213,7 @@ def test_simulate_where_all_limits_hold(here, capsys):
     assert "Results: results/flap/" in out
     assert max(map(len, out.splitlines())) <= tables.WIDTH
     assert err.startswith("lead: ")  # progress
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json"]
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "used"]
 
 
 def test_simulate_where_a_limit_is_violated(here, capsys):
@@ -280,10 +280,10 @@ def test_a_reader_that_goes_away_changes_nothing(here):
 def test_redesign_that_holds_and_its_problem_passes(here, capsys):
     assert main(["redesign", put(HIT), *PLAIN, "-o", "better"]) == 0
     assert "lead.length: 0.3 -> " in capsys.readouterr().out
-    names = ["before.npz", "motion.npz", "redesigned.toml", "summary.json"]
+    names = ["before.npz", "motion.npz", "redesigned.toml", "summary.json", "used"]
     assert sorted(os.listdir("better")) == names
     assert main(["simulate", "better/redesigned.toml", *PLAIN]) == 0
-    assert sorted(os.listdir("results/redesigned")) == ["motion.npz", "summary.json"]
+    assert sorted(os.listdir("results/redesigned")) == ["motion.npz", "summary.json", "used"]
 
 
 def test_redesign_that_finds_none(here, capsys):

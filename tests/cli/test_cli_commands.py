@@ -31,7 +31,7 @@ def test_pictures_are_drawn_into_the_folder(here, monkeypatch):
 
     monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
     assert main(["simulate", put(FLAP), "-q"]) == 0
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "worst.png"]
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "used", "worst.png"]
     assert "pictures" not in read_results("results/flap").summary["left_out"]
 
 
@@ -53,7 +53,8 @@ def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error
     assert err.splitlines()[-1].startswith("Pictures left out: ")
     assert words in err
     assert "VIOLATED" in out
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json"], "the report needs none"
+    names = ["motion.npz", "report.html", "summary.json", "used"]
+    assert sorted(os.listdir("results/flap")) == names, "the report needs none"
     assert "other cables, pictures." in Path("results/flap/report.html").read_text(encoding="utf-8")
 
 
@@ -66,9 +67,7 @@ def test_no_pictures_room_at_all(here, capsys, monkeypatch):
 def test_show(here, capsys, monkeypatch):
     assert main(["simulate", put(FLAP), *PLAIN, "-q"]) == 0
     shown: list[Path] = []
-    monkeypatch.setitem(
-        sys.modules, "harness_opt.pictures.stills", stand_in(show=lambda folder, _: shown.append(folder))
-    )
+    monkeypatch.setitem(sys.modules, "harness_opt.pictures.stills", stand_in(show=shown.append))
     monkeypatch.setattr("harness_opt.pictures.stills", sys.modules["harness_opt.pictures.stills"], raising=False)
     assert main(["show", "results/flap"]) == 0
     assert shown == [Path("results/flap")]

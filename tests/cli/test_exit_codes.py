@@ -256,13 +256,14 @@ def test_certificates_end_with_the_time_and_say_so(here, capsys, monkeypatch):
 
     monkeypatch.setattr(between_frames.BetweenFrames, "__call__", late)
     monkeypatch.setattr(Interrupts, "late", False)
-    assert main(["simulate", put(FLAP), "--json", "--time-limit", "1000"]) == 0
+    assert main(["simulate", put(FLAP), "--json", "--time-limit", "1000"]) == 1, "not certain is no yes"
     assert calls
     content = strict(capsys.readouterr().out)
+    assert content["status"] == "uncertain"
     rows = [row for row in content["limits"] if row["name"] == "clearance"]
     assert rows and not any(row["certified"] for row in rows)
     assert {row["reason"] for row in rows} == {STOPPED}
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json"], "no time for pictures"
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "used"], "no time for pictures"
 
 
 def test_a_solve_that_never_comes_to_a_safe_point_is_cut_off(here, monkeypatch):

@@ -8,7 +8,8 @@ import subprocess
 import sys
 
 import pytest
-from pages import ROOT, RUN, SHOWN, Reader, blocks, pages
+
+from oracles.pages import ROOT, RUN, SHOWN, Reader, blocks, pages
 
 SLOW = {
     "README.md",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from harness_opt.cli import main
-from harness_opt.files.whole_folder import filling, held, write_whole
+from harness_opt.files.whole_folder import filling, locked, write_whole
 from oracles.flap import FLAP, PLAIN, put
 
 GONE = "4194305"  # no process has this number
@@ -19,7 +19,7 @@ def test_what_killed_writes_left_goes_and_what_is_held_stays(here):
     for name in (f".a.txt.{GONE}.part", f".b.txt.{GONE}.part", ".a.txt.part", ".a.txt.x.part"):
         Path(name).write_text("half")
     Path(f".a.txt.{GONE}1.part").write_text("of a run that goes on")
-    with held(Path(f".a.txt.{GONE}1.part")):
+    with locked(Path(f".a.txt.{GONE}1.part")):
         write_whole(Path("a.txt"), b"whole")
     left = {".a.txt.part", ".a.txt.x.part", f".a.txt.{GONE}1.part", f".b.txt.{GONE}.part"}
     assert {entry.name for entry in here.iterdir()} == left | {"a.txt"}

@@ -64,9 +64,12 @@ def random_helices(rng, count):
 
 
 def runs(*names, bodies=("world", "world")):
-    run = CableRun(
-        Cable(LENGTH, DIAMETER, 1e-3, 1e-3),
-        End(position=(0, 0, 0), body=bodies[0]),
-        End(position=(0, 0, 0.3), body=bodies[1]),
-    )
-    return dict.fromkeys(names or ("lead",), run)
+    """Cables in clamps of their own, a decimetre apart."""
+    return {
+        name: CableRun(
+            Cable(LENGTH, DIAMETER, 1e-3, 1e-3),
+            End(position=(0.1 * k, 0, 0), body=bodies[0]),
+            End(position=(0.1 * k, 0, 0.3), body=bodies[1]),
+        )
+        for k, name in enumerate(names or ("lead",))
+    }

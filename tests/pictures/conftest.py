@@ -74,13 +74,12 @@ def design():
 @pytest.fixture
 def folder(two_cables, tmp_path) -> Path:
     """A result folder with no more in it than the contract promises."""
-    file = write_problem(two_cables.problem, tmp_path / "problem.toml")
     limits = [{"name": "clearance", "limit": 0.006, "margin": -0.01, "motion": 0.5}]
     summary = {
-        "command": "simulate", "versions": {"harness-opt": "0"}, "problem": {"file": str(file)}, "limits": limits
+        "command": "simulate", "versions": {"harness-opt": "0"}, "limits": limits
     }  # fmt: skip
     place = tmp_path / "result"
-    place.mkdir()
+    write_problem(two_cables.problem, place / "used" / "problem.toml")
     (place / "summary.json").write_text(json.dumps(summary))
     arrays = {f"{n}/{key}": getattr(c, key) for n, c in two_cables.cables.items() for key in ("s", *KEPT)}
     np.savez(place / "motion.npz", motion=two_cables.motion, **arrays)

@@ -59,12 +59,12 @@ def test_worst_picture_has_the_size_and_the_colours(pyvista, two_cables, tmp_pat
 def test_what_is_run_into_is_glass_and_the_cable_red_in_it(pyvista, two_cables):
     view = view_of(two_cables)
     assert (view.row.name, view.row.part, view.violated) == ("clearance", "mast", True)
-    assert view.moment.touched == {"mast"}
+    assert view.shown.touched == {"mast"}
     plotter = pictures.still([view])
     opacity = {name: plotter.actors[f"part:{name}"].prop.opacity for name in two_cables.problem.parts}
     plotter.close()
     assert {name for name, value in opacity.items() if value < 1} == {"mast"}
-    points, colours = drawing.cable_colours(view.moment, view.row.cable)
+    points, colours = drawing.cable_colours(view.shown, view.row.cable)
     red = np.all(colours == rgb(TOUCHES), axis=1)
     radius = two_cables.problem.cables[view.row.cable].cable.radius
     inside = np.hypot(points[:, 0], points[:, 1]) < 0.02 + radius
@@ -122,7 +122,7 @@ def test_nothing_solved_draws_nothing(two_cables, tmp_path):
 
 
 def test_camera_sees_the_cables_at_all_moments(pyvista, two_cables):
-    moment = view_of(two_cables).moment
+    moment = view_of(two_cables).shown
     meshes = {name: drawing.solid(part) for name, part in moment.scene.parts.items()}
     for aspect in (16 / 9, 8 / 9):
         camera = Camera.of([moment], meshes, aspect)

@@ -53,6 +53,7 @@ def test_a_folder_without_a_result_is_named(folder, tmp_path):
     (folder / "summary.json").write_text("{}")
     with pytest.raises(HarnessError, match="result: found no result of harness-opt"):
         pictures.show(folder)
-    (folder / "summary.json").write_text(json.dumps(summary | {"problem": {"file": None}, "limits": []}))
-    with pytest.raises(HarnessError, match="found no name of a problem file"):
+    (folder / "summary.json").write_text(json.dumps(summary | {"limits": []}))
+    (folder / "used" / "problem.toml").unlink()
+    with pytest.raises(HarnessError, match=r"found no file used/problem\.toml, expected the problem and the parts"):
         pictures.show(folder)

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from harness_opt.errors import ProblemError
-from harness_opt.studies.shared_problem import Workbench, carried_root
+from harness_opt.studies.shared_problem import LocalProblem, carried_root
 from harness_opt.studies.study import plan
 from oracles.flap import FLAP, environment, put, run
 from oracles.studies import STUDY, placed, started
@@ -121,5 +121,5 @@ def test_a_folder_that_somebody_else_prepared_is_not_used(here, monkeypatch, kin
 def test_a_study_of_this_machine_needs_no_such_folder(here, monkeypatch):
     monkeypatch.setattr("tempfile.gettempdir", lambda: "/nowhere")
     put(FLAP)
-    Workbench(plan("flap.toml", [{"cables.lead.length": 0.31}]).shared)
+    LocalProblem(plan("flap.toml", [{"cables.lead.length": 0.31}]).shared)
     assert signal.getsignal(signal.SIGINT) is not None and Path("flap.toml").exists()

@@ -238,6 +238,7 @@ def test_a_worker_without_the_files_takes_those_that_were_sent(tmp_path, monkeyp
     from harness_opt.studies import shared_problem
     from oracles.problem_files import CONTRACT, written
 
+    (tmp_path / "temporary").mkdir()
     monkeypatch.setattr(shared_problem.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
     shared = plan(written(folder, CONTRACT), [{"cables.lead.length": 0.43}]).shared
     ((path, digest),) = shared.paths().items()
@@ -246,7 +247,7 @@ def test_a_worker_without_the_files_takes_those_that_were_sent(tmp_path, monkeyp
     path.write_bytes(content + b" ")
     with pytest.raises(ProblemError, match=r"housing\.stl: found no such file, or another, on this machine"):
         LocalProblem(shared)
-    sent = shared_problem.carried_folder(digest) / path.name
+    sent = shared_problem.carried_root(shared.name) / digest / path.name
     sent.parent.mkdir(parents=True)
     sent.write_bytes(content)
     assert bench_part(shared).path == sent
