@@ -16,6 +16,7 @@ class Status(enum.Enum):
     NOT_FINITE = "the residual became infinite or not a number"
     INACCURATE = "the shape did not become accurate enough on the finest mesh"
     WRONG_TURNS = "the solver slipped to another number of whole turns of twist"
+    NOT_WITHOUT_CONTACT = "not without contact: no shape was found with the turns asked for that does not touch itself"
     NO_START = "no starting shape was found that joins the two ends"
     STEP_TOO_SMALL = "the motion could not be followed: the step became too small"
     INTERRUPTED = "the run was interrupted"

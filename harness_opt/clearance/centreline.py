@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.model.results import CableMotion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
@@ -125,17 +124,3 @@ def sag(arc: ArrayLike, chord: ArrayLike) -> Array:
     arc, chord = np.asarray(arc), np.asarray(chord)
     found: Array = 0.5 * np.sqrt(np.maximum(arc * arc - chord * chord, 0.0))
     return found
-
-
-def cubic_error(shapes: CableMotion) -> float:
-    """Return the largest error of the Hermite cubics, m.
-
-    It stands at the middles of the intervals, and is estimated there against the quintics through positions,
-    tangents and second derivatives ``r'' = R (omega x e3)``, which the curvatures give.
-    """
-    h = np.diff(shapes.s)[:, None]
-    tangent = rotations.tangent(shapes.quaternion)
-    across = np.stack([shapes.curvature[..., 1], -shapes.curvature[..., 0], np.zeros(shapes.curvature.shape[:-1])], -1)
-    second = rotations.rotate(shapes.quaternion, across)
-    difference = h / 32 * (tangent[:, :-1] - tangent[:, 1:]) + h**2 / 64 * (second[:, :-1] + second[:, 1:])
-    return float(np.max(np.linalg.norm(difference, axis=-1)))

@@ -11,14 +11,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.certify import Bounds, Cells, Search
 from harness_opt.clearance.moving_centreline import MovingCurve
-from harness_opt.clearance.to_cable import CurvePair, against_cable
+from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
+from harness_opt.clearance.what_counts import Domain
 from harness_opt.clearance.witnesses import Certificate, Task, Witnesses
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
@@ -36,11 +39,19 @@ class CableSearch(Search):
         task, other: the two cables; the same twice for one against itself.
         curves: their centrelines over the motion.
         start: the smallest clearance of the frames known so far.
+        domains: of arcs that count.
     """
 
-    def __init__(self, task: Task, other: Task, curves: tuple[MovingCurve, MovingCurve], start: Certificate):
+    def __init__(
+        self,
+        task: Task,
+        other: Task,
+        curves: tuple[MovingCurve, MovingCurve],
+        start: Certificate,
+        domains: Sequence[Domain],
+    ):
         super().__init__(replace(task, most_queries=CELLS_PER_QUERY * task.most_queries), curves, start)
-        self._other = other
+        self._other, self._domains = other, domains
         pair = CurvePair.of(task, other)
         self._gap, self._radii = pair.gap, pair.radii
         self._error = sum(curve.error for curve in curves)
@@ -73,6 +84,7 @@ class CableSearch(Search):
         settled, found = math.inf, []
         s, t = (curve.s for curve in self.curves)
         allowed = t[None, 1:] - s[:-1, None] >= self._gap
+        allowed &= np.any([_touched(s, a, b)[:, None] & _touched(t, c, d) for a, b, c, d in self._domains], axis=0)
         stretches = [(low, high, 0) for low, high in itertools.pairwise(self.times)]
         count = 0
         while stretches:
@@ -96,7 +108,8 @@ class CableSearch(Search):
             found.append(cells.take(loose))
             count += int(np.sum(loose))
         empty = Cells(np.zeros(0), np.zeros(0), np.zeros((0, 4)))
-        return Cells.joined([empty, *found]), settled
+        cells = Cells.joined([empty, *found])
+        return Cells.joined([_cut(cells, domain) for domain in self._domains]), settled
 
     def _distances(self, low: float, high: float) -> Array:
         """Return bounds below the distances of arcs (N - 1, N - 1) over a stretch between frames, m."""
@@ -166,7 +179,8 @@ class CableSearch(Search):
     def survey(self, values: Array) -> tuple[Witnesses, float]:
         """See :meth:`Search.survey`."""
         pair = self._frames(values)
-        found = against_cable(replace(self.task, curve=pair.one, reach=-math.inf), pair).samples
+        task = replace(self.task, curve=pair.one, reach=-math.inf)
+        found = all_found([against_cable(task, replace(pair, domain=domain)) for domain in self._domains]).samples
         i = int(np.argmin(found.clearance))
         return found.take(np.array([i])), float(values[found.frame[i]])
 
@@ -184,7 +198,7 @@ class CableSearch(Search):
             return Curve(curve.s, curve.position[which], curve.tangent[which])
 
         one, other = (solved(curve) for curve in self.curves)
-        return CurvePair(one, other, self.task.radius, self._other.radius, self._gap)
+        return CurvePair(one, other, self.task.radius, self._other.radius, self._gap, self._domains[0])
 
     def reach(self, low: float, high: float) -> float:
         """See :meth:`Search.reach`: nothing is known of two cables of which one jumps."""
@@ -256,6 +270,20 @@ class CableSearch(Search):
             at = at + share[:, None] * toward
         found: Array = at
         return found
+
+
+def _touched(s: Array, first: float, last: float) -> NDArray[np.bool_]:
+    """Return which intervals between stations ``s`` (N,) share an arc with [first, last]."""
+    return (s[1:] > first) & (s[:-1] < last)
+
+
+def _cut(cells: Cells, domain: Domain) -> Cells:
+    """Return the parts of cells that lie in ``domain``."""
+    low, high = np.array(domain)[[0, 2]], np.array(domain)[[1, 3]]
+    arcs = cells.arcs.reshape(-1, 2, 2)
+    arcs = np.stack([np.maximum(arcs[..., 0], low), np.minimum(arcs[..., 1], high)], axis=-1)
+    inside = np.all(arcs[..., 1] > arcs[..., 0], axis=1)
+    return replace(cells, arcs=arcs.reshape(-1, 4)).take(inside)
 
 
 def _stretch(curve: MovingCurve, cells: Cells) -> tuple[Indices, Array]:

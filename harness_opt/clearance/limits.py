@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind
+from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, LimitResult, Motion
+from harness_opt.model.results import CableMotion, Holds, LimitResult, Motion
 from harness_opt.numerics.rotations import Array
 
 LOOKED_AT = "only the stations of the solved frames were looked at"
@@ -40,12 +40,12 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
         for kind in CABLE_KINDS:
             limit = getattr(problem.limits, kind.value)
             if limit is not None:
-                rows.append(_row(LimitId(kind, name), limit, shapes, motion.motion))
+                rows.append(limit_row(LimitId(kind, name), limit, shapes, motion.motion))
     return tuple(rows)
 
 
-def _row(which: LimitId, limit: float, shapes: CableMotion, motion: Array) -> LimitResult:
-    """Return the row of a limit of one cable."""
+def limit_row(which: LimitId, limit: float, shapes: CableMotion, motion: Array) -> LimitResult:
+    """Return the row of a limit of one cable, looked at in the stations of the frames ``motion`` (P,) alone."""
     value = _value(which.kind, shapes)
     frame, station = np.unravel_index(int(np.argmax(value)), value.shape)
     worst = float(value[frame, station])
@@ -80,13 +80,41 @@ def _value(kind: LimitKind, shapes: CableMotion) -> Array:
 
 
 def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) -> tuple[LimitResult, ...]:
-    """Return the rows of every limit of ``problem``."""
-    return (*clearances.limits, *cable_limits(problem, motion))
+    """Return the rows of every limit of ``problem``, certain between the frames where ``clearances`` are."""
+    others = clearances.cable_limits
+    rows = through_themselves(problem, motion, clearances.limits)
+    return (*rows, *(cable_limits(problem, motion) if others is None else others))
 
 
-def held(rows: Sequence[LimitResult]) -> bool:
-    """Return whether every limit holds."""
-    return all(row.margin >= 0 for row in rows)
+def through_themselves(problem: Problem, motion: Motion, rows: Sequence[LimitResult]) -> tuple[LimitResult, ...]:
+    """Return the rows of clearances, those of cables to themselves as bad as can be where a cable goes through itself.
+
+    Its turns tell, whatever the frames show: where two stretches of it pass through each other their centrelines
+    meet, a diameter too near, and no frame needs to be there to be certain.
+    """
+    limit, found = problem.limits.clearance, {row.id: row for row in rows}
+    for name, (frame, at) in motion.through_themselves.items():
+        itself = LimitId(LimitKind.CLEARANCE, name, Obstacle(name, is_cable=True))
+        worst = -problem.cables[name].cable.diameter
+        if limit is not None:
+            found[itself] = LimitResult(
+                id=itself,
+                limit=limit,
+                worst=worst,
+                margin=worst - limit,
+                frame=frame,
+                motion=at,
+                arc_length=0.5 * problem.cables[name].cable.length,
+                certified=True,
+                tolerance=0.0,
+            )
+    return tuple(found.values())
+
+
+def all_hold(rows: Iterable[LimitResult]) -> Holds:
+    """Return whether every limit holds; a "no" outranks an "uncertain"."""
+    answers = {row.holds for row in rows}
+    return "no" if "no" in answers else "uncertain" if "uncertain" in answers else "yes"
 
 
 def most_urgent(problem: Problem, rows: Sequence[LimitResult]) -> LimitResult:

@@ -3,42 +3,44 @@
 A clearance is the distance of a cable's centreline to a part, less the cable's radius; to another cable or to
 itself, the distance of the two centrelines, less both radii. Negative is penetration.
 
-How they are found stands in ``part_clearance.py`` and ``cable_clearance.py``. Both make the smallest
+How they are found stands in ``to_part.py`` and ``to_cable.py``. Both make the smallest
 clearance of the solved frames certain along the whole cable; what the curve between stations misses is
-estimated from the curvatures and added to the tolerance. ``part_certificate.py`` and ``cable_certificate.py``
-make the smallest clearance certain between the frames too, for pairs that have a limit, where ``measure`` is told
-how to solve more frames; ``moving_curve.py`` says what of that is proven and what is estimated.
+estimated from the curvatures and added to the tolerance. ``certify_part.py`` and ``certify_cable.py`` make the smallest
+clearance certain between the frames too, for pairs that have a limit, where ``measure`` is told how to solve more
+frames; ``moving_centreline.py`` says what of that is proven and what is estimated.
 
-Near a clamp the cable leaves the very body that holds it: along ``2 (limit + radius)`` from that end, parts
-of that body do not count. The result says how long these stretches are.
+Near a clamp the cable leaves the part that holds it: over a stretch from that end, of which the result says how long it
+is, that part's limit does not count (:mod:`harness_opt.clearance.what_counts`).
 """
 
 from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.clearance.centreline import Curve, cubic_error
+from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.certify_cable import CableSearch
+from harness_opt.clearance.certify_limits import certified_limit
 from harness_opt.clearance.certify_part import PartSearch, Seen
 from harness_opt.clearance.moving_centreline import MovingCurve
 from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance
 from harness_opt.clearance.solved_frames import SolvedFrames
-from harness_opt.clearance.to_cable import CurvePair, against_cable
+from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
 from harness_opt.clearance.to_part import against_part, places
-from harness_opt.clearance.what_counts import least_gap, let_off
+from harness_opt.clearance.what_counts import domains, least_gap, let_off
 from harness_opt.clearance.witnesses import LONG, Certificate, Found, Task, Witnesses, never
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
-from harness_opt.model.limits import Obstacle
+from harness_opt.model.limits import CABLE_KINDS, LimitId, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.results import CableMotion, LimitResult, Motion, Quantities, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
@@ -77,48 +79,24 @@ def measure(
     given = Motion(problem, motion, cables)
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
     views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
-    pairs: list[PairClearance] = []
-    left_out: list[str] = []
     give_up = (options or Options()).give_up or never
     poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
+    pairs: list[PairClearance] = []
     for number, own in enumerate(tasks):
-        seen: dict[str, Curve] = {}
-        for name, geometry in itertools.takewhile(lambda _: not give_up(), scene.parts.items()):
-            if geometry.body not in seen:
-                if len(seen) == MOST_VIEWS:
-                    seen.clear()
-                seen[geometry.body] = own.curve.seen_from(*poses[geometry.body])
-            task = replace(own, curve=seen[geometry.body], limit=problem.clearance_limit(name))
-            excluded = let_off(problem, task, geometry.body)
-            if sum(excluded) >= task.curve.s[-1]:
-                why = f"all of it lies within {sum(excluded):.3g} m of its clamps on {geometry.body}"
-                left_out.append(f"clearance of {own.cable} to {name}: {why}")
-                continue
-            found = against_part(task, geometry, excluded)
-            pair = _pair(given, task, Obstacle(name), found)
-            pair = replace(pair, excluded=excluded, closed=geometry.closed)
-            if views is not None and task.limit is not None and found.lower is not None:
-                pair = _certified(pair, motion, _searched(views, task, geometry, pair, found.lower))
-            pairs.append(_in_world(pair, problem, geometry.body, motion))
+        against_parts = _against_parts(given, own, scene, poses, views)
+        pairs += itertools.takewhile(lambda _: not give_up(), against_parts)
         if views is not None:
             views.forget(own.cable)
-        if problem.limits.clearance is None:
-            continue
-        for other in itertools.takewhile(lambda _: not give_up(), tasks[number:]):
-            # the cubics of both centrelines are off, those of a cable against itself twice
-            task = replace(own, limit=problem.limits.clearance, error=own.error + other.error)
-            both = CurvePair.of(task, other)
-            if both.gap >= task.curve.s[-1]:
-                left_out.append(f"clearance of {own.cable} to itself: too short to meet itself")
-                continue
-            pair = _pair(given, task, Obstacle(other.cable, is_cable=True), against_cable(task, both))
-            if views is not None:
-                curves = views.curve(own.cable), views.curve(other.cable)
-                pair = _certified(pair, motion, CableSearch(task, other, curves, pair.start).certificate())
-            pairs.append(pair)
-    inserted = {} if views is None else {name: frames.inserted for name, frames in views.frames.items()}
-    missing = _unmeasured(problem, scene, len(tasks), len(pairs) + len(left_out))
-    return ClearanceResult(motion, tuple(pairs), (*left_out, *missing), inserted, whole=not missing)
+        if problem.limits.clearance is not None:
+            others = itertools.takewhile(lambda _: not give_up(), tasks[number:])
+            pairs += [_against_cable(given, own, other, views) for other in others]
+    missing = _unmeasured(problem, scene, len(tasks), len(pairs))
+    if missing or (views is None and problem.moves):
+        return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
+    frames = _at_rest(given) if views is None else views.frames
+    rows = tuple(row for task in tasks for row in _cable_limits(given, frames[task.cable], task))
+    inserted = {} if views is None else {name: solved.inserted for name, solved in frames.items()}
+    return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
 
 
 def _unmeasured(problem: Problem, scene: Scene, cables: int, done: int) -> tuple[str, ...]:
@@ -126,6 +104,120 @@ def _unmeasured(problem: Problem, scene: Scene, cables: int, done: int) -> tuple
     others = 0 if problem.limits.clearance is None else cables * (cables + 1) // 2
     left = cables * len(scene.parts) + others - done
     return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
+
+
+def _at_rest(given: Motion) -> dict[str, SolvedFrames]:
+    """Return the first frame of each cable of a scene in which nothing moves."""
+    none = np.zeros(0)
+
+    def solve(cable: str, values: Array) -> tuple[Quantities, tuple[str, ...]]:
+        return given.cables[cable].at_frames(np.zeros(len(values), dtype=np.int64)), ("",) * len(values)
+
+    first = {name: shapes.frames(slice(1)) for name, shapes in given.cables.items()}
+    return {
+        name: SolvedFrames(name, given.motion[:1], one, solve, jumps=none, turns=none) for name, one in first.items()
+    }
+
+
+def _against_parts(
+    given: Motion, own: Task, scene: Scene, poses: Mapping[str, tuple[Array, Array]], views: _Views | None
+) -> Iterator[PairClearance]:
+    """Give the clearances of one cable to all parts; ``poses`` (P, 3), (P, 4) of the frames, by body."""
+    problem, motion = given.problem, given.motion
+    seen: dict[str, Curve] = {}
+    for name, geometry in scene.parts.items():
+        if geometry.body not in seen:
+            if len(seen) == MOST_VIEWS:
+                seen.clear()
+            seen[geometry.body] = own.curve.seen_from(*poses[geometry.body])
+        task = replace(own, curve=seen[geometry.body], limit=problem.clearance_limit(name))
+        held = let_off(problem, task, geometry)
+        length = float(task.curve.s[-1])
+        if sum(held) >= length:  # of a cable that short a stretch in the middle counts all the same
+            held = min(held[0], 0.49 * length), min(held[1], 0.49 * length)
+        found = against_part(task, geometry, held)
+        pair = _pair(given, task, Obstacle(name), found)
+        pair = replace(pair, excluded=held, closed=geometry.closed)
+        if views is not None and task.limit is not None and found.lower is not None:
+            pair = _certified(pair, motion, _searched(views, task, geometry, pair, found.lower))
+        yield _in_world(pair, problem, geometry.body, motion)
+
+
+def _against_cable(given: Motion, own: Task, other: Task, views: _Views | None) -> PairClearance:
+    """Return the clearance of one cable to another, or to itself."""
+    # the cubics of both centrelines are off, those of a cable against itself twice
+    task = replace(own, limit=given.problem.limits.clearance, error=own.error + other.error)
+    itself = own.cable == other.cable
+    obstacle = Obstacle(other.cable, is_cable=True)
+    if itself and least_gap(task) >= task.curve.s[-1]:
+        return _never_near(given, task, obstacle)
+    parts = [CurvePair.of(task, other).domain] if itself else domains(given.problem, task, other)
+    if not parts:
+        return _never_near(given, task, obstacle)
+    found = all_found([against_cable(task, CurvePair.of(task, other, domain)) for domain in parts])
+    pair = _pair(given, task, obstacle, found)
+    if views is not None:
+        curves = views.curve(own.cable), views.curve(other.cable)
+        pair = _certified(pair, given.motion, CableSearch(task, other, curves, pair.start, parts).certificate())
+    return _met(pair, task, given.motion) if itself else pair
+
+
+def _never_near(given: Motion, task: Task, obstacle: Obstacle) -> PairClearance:
+    """Return the pair of a cable with what it cannot come near: too short for that, or all of it at a shared clamp."""
+    none, far = np.zeros(0), np.zeros((0, 3))
+    place = Witnesses(
+        frame=np.zeros(1, dtype=np.int64),
+        arc_length=np.zeros(1),
+        clearance=np.array([math.inf]),
+        normal=np.array([[0.0, 0.0, 1.0]]),
+        point=task.curve.position[:1, 0],
+        other_arc_length=np.zeros(1),
+    )
+    count = len(given.motion)
+    nearest = replace(place.take(np.zeros(count, dtype=np.int64)), frame=np.arange(count))
+    return PairClearance(
+        cable=task.cable,
+        obstacle=obstacle,
+        limit=task.limit,
+        nearest=nearest,
+        witnesses=Witnesses(np.zeros(0, dtype=np.int64), none, none, far, far, none),
+        place=place,
+        motion=0.0,
+        lower_bound=math.inf,
+        certified_along_arc=True,
+        certified=True,
+        reason="",
+        excluded=(0.0, 0.0),
+        closed=True,
+    )
+
+
+def _met(pair: PairClearance, task: Task, motion: Array) -> PairClearance:
+    """Return the pair of a cable with itself by where it meets itself: not by the chord of the arc that is left out.
+
+    Between the places that count, those the least arc apart are near because the cable is one piece. Where nothing else
+    is near, and they are no nearer than the limit, the cable never comes near itself.
+    """
+    limit, gap = task.limit or 0.0, least_gap(task) * (1 + 1e-6)  # 1e-6: rounding, and far less than a station
+    if pair.place.other_arc_length[0] - pair.place.arc_length[0] > gap or pair.worst < limit:
+        return pair
+    met = pair.witnesses.take(pair.witnesses.other_arc_length - pair.witnesses.arc_length > gap)
+    if not len(met.frame):
+        far = replace(pair.place, clearance=np.array([math.inf]))
+        return replace(
+            pair, place=far, lower_bound=max(pair.lower_bound, limit) if pair.certified else pair.lower_bound
+        )
+    place = met.take(np.array([int(np.argmin(met.clearance))]))
+    return replace(pair, place=place, motion=float(motion[place.frame[0]]))
+
+
+def _cable_limits(given: Motion, frames: SolvedFrames, task: Task) -> Iterator[LimitResult]:
+    """Give the rows of bend radius, twist and clamp loads of the cable of ``task``, through the whole motion."""
+    for kind in CABLE_KINDS:
+        limit = getattr(given.problem.limits, kind.value)
+        if limit is not None:
+            which = LimitId(kind, task.cable)
+            yield certified_limit(which, limit, given.cables[task.cable], frames, task)
 
 
 class _Views:
@@ -184,7 +276,7 @@ def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) ->
         cable=name,
         curve=Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion)),
         radius=cable.radius,
-        error=cubic_error(shapes),
+        error=float(cubic_errors(shapes).max()),
         tolerance=0.01 * cable.diameter if options.tolerance is None else options.tolerance,
         reach=cable.diameter if options.reach is None else options.reach,
         strict=options.tolerance is not None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -109,7 +110,7 @@ class PairClearance:
     @property
     def tolerance(self) -> float:
         """By how much, at most, what lies between can be worse than :attr:`worst`, m."""
-        return self.worst - self.lower_bound
+        return self.worst - self.lower_bound if math.isfinite(self.worst) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +122,7 @@ class ClearanceResult:
         pairs: one for each cable and obstacle.
         left_out: what was not measured and why, a sentence each.
         inserted: how many frames were solved between the others to be certain, by cable.
+        cable_limits: the rows of bend radius, twist and clamp loads; None where the frames alone were looked at.
         whole: False where the run was stopped before all pairs were measured.
     """
 
@@ -128,6 +130,7 @@ class ClearanceResult:
     pairs: tuple[PairClearance, ...]
     left_out: tuple[str, ...] = ()
     inserted: Mapping[str, int] = field(default_factory=dict)
+    cable_limits: tuple[LimitResult, ...] | None = None
     whole: bool = True
 
     @property
@@ -142,7 +145,7 @@ class ClearanceResult:
                 frame=pair.frame,
                 motion=pair.motion,
                 arc_length=pair.arc_length,
-                certified=pair.certified,
+                certified=pair.certified and pair.lower_bound > -math.inf,
                 tolerance=pair.tolerance,
                 reason=pair.reason,
             )

@@ -9,8 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from harness_opt.clearance.centreline import cubic_error
-from harness_opt.model.results import CableMotion
+from harness_opt.model.results import CableMotion, Quantities, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -18,12 +17,12 @@ from harness_opt.numerics.vectors import Indices
 NODES = 4  # frames that a cubic goes through
 SHORTEST = 2.0**-20  # of the motion, between two frames: below this a shape is said to jump
 
-# cable and motion values (k,) to positions (k, N, 3), m, quaternions (k, N, 4), and which of them were found (k,)
-Solve = Callable[[str, Array], tuple[Array, Array, NDArray[np.bool_]]]
+# cable and motion values (k,) to the shapes that were found, and for each value why there is none, or nothing
+Solve = Callable[[str, Array], tuple[Quantities, tuple[str, ...]]]
 
 
 class SolvedFrames:
-    """The centreline of one cable in the frames of its motion, to which more can be added.
+    """The shapes of one cable in the frames of its motion, to which more can be added.
 
     Args:
         cable: its name.
@@ -38,10 +37,12 @@ class SolvedFrames:
         self.cable, self._solve, self._jumps, self._turns = cable, solve, jumps, turns
         self.s, self.times = shapes.s, motion
         self.position, self.tangent = shapes.position, rotations.tangent(shapes.quaternion)
+        self.curvature = shapes.curvature
+        self.clamp_force, self.clamp_moment = shapes.force[:, [0, -1]], shapes.moment[:, [0, -1]]
         own = float(np.nan_to_num(np.max(shapes.estimated_error)))
-        self.error = cubic_error(shapes) + own * shapes.s[-1]  # of the frames themselves, m
+        self.error = float(cubic_errors(shapes).max()) + own * shapes.s[-1]  # of the frames themselves, m
         self.given = motion
-        self._lost = np.zeros(0)  # motion values at which no shape was found
+        self._lost: dict[float, str] = {}  # motion values at which no shape was found, and why
 
     @property
     def inserted(self) -> int:
@@ -52,7 +53,7 @@ class SolvedFrames:
     def broken(self) -> NDArray[np.bool_]:
         """Between which frames nothing is known (P - 1,): the cable snaps there, or no shape was found."""
         broken = np.diff(self.times) < SHORTEST
-        for values in (self._jumps, self._lost):
+        for values in (self._jumps, np.array(list(self._lost))):
             broken[self.interval(values)] = True
         return broken
 
@@ -66,13 +67,20 @@ class SolvedFrames:
         values = np.unique(values[gap > SHORTEST])
         if not len(values):
             return
-        position, quaternion, found = self._solve(self.cable, values)
-        self._lost = np.union1d(self._lost, values[~found])
+        shapes, why = self._solve(self.cable, values)
+        self._lost |= {float(value): reason for value, reason in zip(values, why, strict=True) if reason}
+        found = np.array([not reason for reason in why], dtype=bool)
         times = np.concatenate([self.times, values[found]])
         order = np.argsort(times, kind="stable")
         self.times = times[order]
-        self.position = np.concatenate([self.position, position[found]])[order]
-        self.tangent = np.concatenate([self.tangent, rotations.tangent(quaternion[found])])[order]
+        for name, more in (
+            ("position", shapes.position),
+            ("tangent", rotations.tangent(shapes.quaternion)),
+            ("curvature", shapes.curvature),
+            ("clamp_force", shapes.force[:, [0, -1]]),
+            ("clamp_moment", shapes.moment[:, [0, -1]]),
+        ):
+            setattr(self, name, np.concatenate([getattr(self, name), more])[order])
 
     def complete(self) -> None:
         """Solve as many frames as a cubic needs on every stretch without a break."""
@@ -95,7 +103,8 @@ class SolvedFrames:
             return f"{self.cable} snaps {where}, and what it meets on the way is not known"
         if high - low < SHORTEST:
             return f"{self.cable} jumps {where}"
-        return f"no shape of {self.cable} was found {where}"
+        lost = [why for at, why in self._lost.items() if low < at < high]
+        return f"{self.cable} {where}: {'; '.join(dict.fromkeys(lost))}"
 
     def stretches(self) -> list[tuple[int, int]]:
         """Return the first and last frame of each run of frames across which the motion is smooth."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness_opt.clearance.centreline import Curve, balls, closest_on_segments, sag
-from harness_opt.clearance.what_counts import least_gap
+from harness_opt.clearance.what_counts import Domain, least_gap
 from harness_opt.clearance.witnesses import FAR_SHARE, Found, Task, Witnesses, local_minima
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, lengths
@@ -50,6 +50,13 @@ def against_cable(task: Task, curves: CurvePair) -> Found:
     # the cell search may have met something still closer
     samples = curves.witnesses(*_joined([found, worst]))
     return Found(samples, np.arange(len(found[0])), min(settled, reached))
+
+
+def all_found(several: Sequence[Found]) -> Found:
+    """Return what was found in several domains of one pair in one."""
+    before = np.cumsum([0, *(len(found.samples.frame) for found in several[:-1])])
+    minima = np.concatenate([found.minima + offset for found, offset in zip(several, before, strict=True)])
+    return Found(Witnesses.joined([found.samples for found in several]), minima, min(found.bound for found in several))
 
 
 def _every(stride: int, count: int) -> Indices:
@@ -95,6 +102,7 @@ class CurvePair:
         radius, other_radius: of the cables, m.
         gap: only pairs of arc lengths s of the one and t of the other with ``t - s >= gap`` count, m; -inf
             where the two are different cables.
+        domain: the arcs of both that count, from and to, m; of one cable against itself all of it.
     """
 
     one: Curve
@@ -102,12 +110,19 @@ class CurvePair:
     radius: float
     other_radius: float
     gap: float
+    domain: Domain
 
     @staticmethod
-    def of(task: Task, other: Task) -> CurvePair:
-        """Return the pair of the cables of two tasks; with the limit of ``task`` where they are the same."""
+    def of(task: Task, other: Task, domain: Domain | None = None) -> CurvePair:
+        """Return the pair of the cables of two tasks; with the limit of ``task`` where they are the same.
+
+        Args:
+            task, other: the two.
+            domain: of arcs; None takes all.
+        """
         gap = least_gap(task) if task.cable == other.cable else -math.inf
-        return CurvePair(task.curve, other.curve, task.radius, other.radius, gap)
+        whole = (0.0, float(task.curve.s[-1]), 0.0, float(other.curve.s[-1]))
+        return CurvePair(task.curve, other.curve, task.radius, other.radius, gap, domain or whole)
 
     def of_frames(self, some: slice) -> CurvePair:
         """Return the same in some of the frames."""
@@ -191,7 +206,9 @@ class CurvePair:
         columns: list[Indices] = []
         rest = math.inf
         s, t = self.one.s, self.other.s
+        first_s, last_s, first_t, last_t = self.domain
         allowed = t[None, 1:] - s[:-1, None] >= self.gap
+        allowed &= ((s[1:] > first_s) & (s[:-1] < last_s))[:, None] & (t[1:] > first_t) & (t[:-1] < last_t)
         chunk = max(1, PAIRS // allowed.size)
         for first in range(0, len(self.one.position), chunk):
             some = slice(first, first + chunk)
@@ -208,7 +225,13 @@ class CurvePair:
             rows.append(i)
             columns.append(j)
         i, j = np.concatenate(rows), np.concatenate(columns)
-        return np.concatenate(frames), i, np.column_stack([s[i], s[i + 1], t[j], t[j + 1]]), rest
+        cells = np.column_stack([*self.inside(s[i], s[i + 1], t[j], t[j + 1])])
+        return np.concatenate(frames), i, cells, rest
+
+    def inside(self, a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array, Array, Array]:
+        """Return arcs [a, b] and [c, d] (k,) cut to what counts."""
+        first_s, last_s, first_t, last_t = self.domain
+        return np.maximum(a, first_s), np.minimum(b, last_s), np.maximum(c, first_t), np.minimum(d, last_t)
 
     def witnesses(self, frame: Indices, s: Array, t: Array) -> Witnesses:
         """Return the pairs of points at arc lengths s and t (k,), m, of frames (k,) as witnesses."""
@@ -234,12 +257,9 @@ def _shrink(curves: CurvePair, frame: Indices, s: Array, t: Array) -> tuple[Arra
     length.
     """
     best = np.full(len(s), np.inf)
-    ends = curves.one.s[-1], curves.other.s[-1]
     for part in (1 / 2, 1 / 4, 1 / 8, 1 / 16, 1 / 32):
         h, g = (part * np.max(np.diff(curve.s)) for curve in (curves.one, curves.other))
-        around_s = np.maximum(s - h, 0), np.minimum(s + h, ends[0])
-        around_t = np.maximum(t - g, 0), np.minimum(t + g, ends[1])
-        cell = np.column_stack([*around_s, *around_t])
+        cell = np.column_stack([*curves.inside(s - h, s + h, t - g, t + g)])
         u, v, value, _ = curves.closest(frame, cell)
         better = value < best
         s, t, best = np.where(better, u, s), np.where(better, v, t), np.where(better, value, best)

@@ -42,7 +42,41 @@ def against_part(task: Task, geometry: Geometry, excluded: tuple[float, float]) 
     samples, lower, minima = survey(task, task.curve, geometry, arcs, task.horizon)
     bound = _certify(samples, arcs, lower, task)
     sides = _other_sides(samples, minima, task)
-    return Found(samples.all(), minima, bound, lower, sides)
+    again = entered_again(task, geometry, excluded)
+    if not len(again.frame):
+        return Found(samples.all(), minima, bound, lower, sides)
+    every = Witnesses.joined([samples.all(), again])
+    minima = np.concatenate([minima, np.arange(len(every.frame) - len(again.frame), len(every.frame))])
+    return Found(every, minima, min(bound, float(again.clearance.min())), lower, sides)
+
+
+def entered_again(task: Task, geometry: Geometry, lengths_off: tuple[float, float]) -> Witnesses:
+    """Return where a cable is deepest in a part that holds its clamp, after it has left it once, in each such frame.
+
+    Over ``lengths_off`` from start and end, m, the part's limit does not count: the cable may be in it until it first
+    leaves it, and near it after. It is looked at a quarter of its radius apart; what is less deep than the tolerance
+    passes for touching.
+    """
+    curve, none = task.curve, np.zeros(0, dtype=np.int64)
+    frames, places = [none], [np.zeros(0)]
+    for length, from_end in zip(lengths_off, (False, True), strict=True):
+        count = math.ceil(4.0 * length / task.radius)
+        if not count:
+            continue
+        way = np.linspace(0.0, length, count + 1)
+        s = curve.s[-1] - way if from_end else way
+        points = curve.grid(s)
+        clearance = geometry.signed_distance(points.reshape(-1, 3))[0].reshape(points.shape[:2]) - task.radius
+        left = np.maximum.accumulate(clearance >= 0.0, axis=1)
+        depth = np.where(left, clearance, np.inf)
+        which = np.flatnonzero(depth.min(axis=1) < -task.tolerance)
+        frames.append(which)
+        places.append(s[np.argmin(depth[which], axis=1)])
+    frame, s = np.concatenate(frames), np.concatenate(places)
+    if not len(frame):
+        return Witnesses(none, s, s, np.zeros((0, 3)), np.zeros((0, 3)), s)
+    distance, normal, point = geometry.signed_distance(curve.at(frame, s))
+    return Witnesses(frame, s, distance - task.radius, normal, point, np.full(len(s), np.nan))
 
 
 def places(s: Array, excluded: tuple[float, float]) -> Array:

@@ -1,11 +1,17 @@
-"""Which stretches of a cable count against what: near its clamps, and against the cable itself."""
+"""Which stretches of a cable count against what: near its clamps, near a clamp that cables share, against itself."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
+
+import numpy as np
 
 from harness_opt.clearance.witnesses import Task
+from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
+from harness_opt.parts.geometry import Geometry
 
 
 def least_gap(task: Task) -> float:
@@ -25,9 +31,91 @@ def arc_apart(radius: float, limit: float | None) -> float:
     return 0.5 * math.pi * (2 * radius + (limit or 0.0))
 
 
-def let_off(problem: Problem, task: Task, body: str) -> tuple[float, float]:
-    """Return the lengths from start and end that do not count against parts of ``body``, m."""
+def holds(problem: Problem, end: End, radius: float, geometry: Geometry) -> bool:
+    """Return whether a part is what a cable comes out of at ``end``: a holder of its clamp.
+
+    Args:
+        problem: the end is of.
+        end: as the problem has it.
+        radius: of the cable, m.
+        geometry: the part.
+    """
+    if end.position is None or end.body != geometry.body:
+        return False
+    if end.holders is not None:
+        return geometry.name in end.holders
+    point = np.asarray(end.position, dtype=float)[None]
+    return bool(geometry.lower_bound(point)[0] < radius and geometry.signed_distance(point)[0][0] < radius)
+
+
+def let_off(problem: Problem, task: Task, geometry: Geometry) -> tuple[float, float]:
+    """Return the lengths, m, from start and end over which the limit to a part does not count, as it holds the clamp.
+
+    Over them :func:`harness_opt.clearance.to_part.entered_again` looks whether the cable enters the part again.
+    """
     run = problem.cables[task.cable]
-    length = 2.0 * ((task.limit or 0.0) + task.radius)
-    start, end = (length if end.position is not None and end.body == body else 0.0 for end in (run.start, run.end))
+    ends = (run.start, run.end)
+    start, end = (
+        let_off_length(end, task.radius, task.limit) if holds(problem, end, task.radius, geometry) else 0.0
+        for end in ends
+    )
     return start, end
+
+
+def let_off_length(end: End, radius: float, limit: float | None) -> float:
+    """Return the arc, m, over which a holder's limit does not count: given, or radius and limit, or two diameters."""
+    return max(radius + (limit or 0.0), 4.0 * radius) if end.let_off is None else end.let_off
+
+
+def let_off_rate(end: End, radius: float, limit: float | None) -> float:
+    """Return the rate of :func:`let_off_length` with the cable's radius."""
+    if end.let_off is not None:
+        return 0.0
+    return 1.0 if radius + (limit or 0.0) > 4.0 * radius else 4.0
+
+
+def shared_clamps(problem: Problem, one: str, other: str) -> list[tuple[bool, bool]]:
+    """Return which ends of two cables stand in one clamp: whether it is the end of the one, and of the other.
+
+    That is a splice or a clip on the way: two spans that meet there do not collide for it.
+    """
+    runs = (problem.cables[one], problem.cables[other])
+    apart = runs[0].cable.radius + runs[1].cable.radius
+    found = []
+    for at_end, other_at_end in itertools.product((False, True), repeat=2):
+        a = runs[0].end if at_end else runs[0].start
+        b = runs[1].end if other_at_end else runs[1].start
+        placed = a.position is not None and b.position is not None and a.body == b.body
+        if placed and math.dist(a.position or (), b.position or ()) < apart:
+            found.append((at_end, other_at_end))
+    return found
+
+
+Domain = tuple[float, float, float, float]  # arcs of the one, from and to, and of the other, m
+
+
+def domains(problem: Problem, one: Task, other: Task) -> list[Domain]:
+    """Return the rectangles of arcs in which two different cables count against each other.
+
+    All of both; but where they share a clamp not what lies within :func:`arc_apart` of it on either.
+    """
+    length, other_length = float(one.curve.s[-1]), float(other.curve.s[-1])
+    found = [(0.0, length, 0.0, other_length)]
+    gap = arc_apart(0.5 * (one.radius + other.radius), one.limit)
+    for at_end, other_at_end in shared_clamps(problem, one.cable, other.cable):
+        near = (length - gap, length) if at_end else (0.0, gap)
+        other_near = (other_length - gap, other_length) if other_at_end else (0.0, gap)
+        found = [part for domain in found for part in _without(domain, near, other_near)]
+    return found
+
+
+def _without(domain: Domain, near: tuple[float, float], other_near: tuple[float, float]) -> Iterator[Domain]:
+    """Give what is left of ``domain`` without the corner where both arcs are near a clamp that they share."""
+    a, b, c, d = domain
+    for first, last in ((a, min(b, near[0])), (max(a, near[1]), b)):
+        if last > first:
+            yield first, last, c, d
+    first, last = max(a, near[0]), min(b, near[1])
+    for begin, end in ((c, min(d, other_near[0])), (max(c, other_near[1]), d)):
+        if last > first and end > begin:
+            yield first, last, begin, end

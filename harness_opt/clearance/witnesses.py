@@ -15,6 +15,9 @@ from harness_opt.numerics.vectors import Indices
 
 FAR = 20.0  # radii of the cable beyond the horizon: from there on a part is far away
 FAR_SHARE = 0.05  # of the clearance of what is far away: to this it is wanted
+BEYOND_DOUBT = 0.1  # of a violation: to this it is wanted
+DECIDES = 0.9  # of a margin below the usual tolerance: to this it is wanted, so that the margin is larger
+FINEST = 0.02  # of the usual tolerance: the least to which a clearance is wanted
 LONG = "the search was longer than allowed"
 CROWDED = "more frames would have to be solved between the others than allowed"
 ROUGH = "between frames the shapes stray further from smooth curves than was estimated"
@@ -94,8 +97,19 @@ class Task:
         return math.inf if self.strict else self.horizon + FAR * self.radius
 
     def tolerance_at(self, clearance: float) -> float:
-        """Return the tolerance to which a smallest clearance is wanted, m."""
-        return self.tolerance if clearance <= self.far else max(self.tolerance, FAR_SHARE * clearance)
+        """Return the tolerance to which a smallest clearance is wanted, m.
+
+        Less than usual where that decides whether the limit holds, and more where it is violated beyond doubt, or what
+        is measured is far away.
+        """
+        margin = clearance - (self.limit or 0.0)
+        if clearance > self.far:
+            return max(self.tolerance, FAR_SHARE * clearance)
+        if self.limit is None or margin >= self.tolerance:
+            return self.tolerance
+        if margin < 0:
+            return self.tolerance if self.strict else max(self.tolerance, BEYOND_DOUBT * -margin)
+        return max(DECIDES * margin, FINEST * self.tolerance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Solve = Callable[[Problem, Shown], Motion | Redesign]
     _Found = tuple[Motion | Redesign, ClearanceResult | None, Command]  # with the command that found it
 
-EXIT = {"ok": 0, "violated": 1, "infeasible": 1, "unsolved": UNSOLVED}
+EXIT = {"ok": 0, "violated": 1, "uncertain": 1, "infeasible": 1, "unsolved": UNSOLVED}
 REMEDY = 'pip install "harness-opt[pictures]"'
 
 

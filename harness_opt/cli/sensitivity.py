@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness_opt.cli.run import UNSOLVED, Voice
+from harness_opt.cli.ending import UNSOLVED
+from harness_opt.cli.run import Voice
 from harness_opt.errors import ProblemError, SolveError
 
 if TYPE_CHECKING:

@@ -106,7 +106,7 @@ def _kept(folder: Path, results: list[Any], study: Any, planned: Any, seconds: f
 
     content = facts(results, len(planned.keys))
     counts, done = content["counts"], content["finished"] == content["variants"]
-    solved = sum(counts.get(status, 0) for status in ("ok", "violated", "infeasible"))
+    solved = sum(counts.get(status, 0) for status in ("ok", "violated", "uncertain", "infeasible"))
     status = "ok" if done and counts.get("ok") == content["variants"] else "violated" if solved else "unsolved"
     files = write_tables(folder, results) if results else []
     content = {

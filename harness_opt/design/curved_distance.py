@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.design.margins import at_stations
-from harness_opt.model.results import CableMotion
+from harness_opt.model.results import STATIONS, CableMotion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.geometry import Geometry
@@ -52,7 +52,7 @@ def second_order(passing: Passing, shapes: CableMotion, geometry: Geometry, pose
         pose: of the part's body at each point: (W, 3), (W, 4).
     """
     found, s = passing.found, shapes.s
-    frame, arc, step = found.frame, found.arc_length, s[1] - s[0]
+    frame, arc, step = found.frame, found.arc_length, s[-1] / (STATIONS - 1)
     before, after = np.clip(arc - step, s[0], s[-1]), np.clip(arc + step, s[0], s[-1])
     width = after - before
     tangents = rotations.tangent(shapes.quaternion)[..., None]

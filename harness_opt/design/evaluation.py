@@ -110,8 +110,9 @@ class Evaluator:
             for name in changed.cables:
                 close = near.predicted(name, values) if near and not self.cold else {}
                 guesses = [close.get(index) for index in indices]
+                fitted = near.sweeps[name].fitted if close and near else None
                 sweeps[name] = sweep(
-                    changed, name, motion_values, solver=self.solver, guesses=guesses,
+                    changed, name, motion_values, solver=self.solver, guesses=guesses, near=fitted,
                     rigour="quick look" if quick else "stable", progress=self.progress,
                 )  # fmt: skip
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion

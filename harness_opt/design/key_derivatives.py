@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
-from harness_opt.clearance.what_counts import arc_apart
+from harness_opt.clearance.what_counts import arc_apart, let_off_rate
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.design.curved_distance import Passing, second_order
 from harness_opt.design.margins import at_stations, linearised
@@ -27,6 +27,7 @@ from harness_opt.files.quantity_keys import Quantity, differentiable
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.path import place_frames
 from harness_opt.motion.shape_rates import ShapeRates
 from harness_opt.motion.simulate import collect
@@ -40,6 +41,7 @@ from harness_opt.rod.collocation import BoundCollocation, collocation
 from harness_opt.rod.equations import scale
 
 STEP = 1e-5  # of a key, in its own scale: turns no section by more than that, and leaves eleven digits of a difference
+SOLVER = "gauss-newton"  # of rolls that are found anew
 AT = 1e-6  # of the length: a place that close to the end of a stretch is that end
 
 
@@ -197,9 +199,10 @@ def key_scale(quantity: Quantity, problem: Problem) -> float:
 
 def _shape_rates(problem: Problem, name: str, swept: Sweep, frames: Array, sides: Sequence[_Sides]) -> ShapeRates:
     """Return the rates of the shapes of a cable at its stations of fixed s / L by every key."""
-    columns = [_column(name, swept, frames, side) for side in sides]
-    empty = cable_motion(swept)
-    shape = (*empty.position.shape, 0)
+    shapes = cable_motion(swept)
+    shares = shapes.s / shapes.s[-1]
+    columns = [_column(name, swept, frames, side, shares) for side in sides]
+    shape = (*shapes.position.shape, 0)
 
     def stacked(field: str) -> Array:
         return np.stack([getattr(column, field) for column in columns], axis=-1) if columns else np.zeros(shape)
@@ -221,8 +224,8 @@ class _Column:
     moment: Array
 
 
-def _column(name: str, swept: Sweep, frames: Array, side: _Sides) -> _Column:
-    """Return the rates of the shapes of a cable by one key."""
+def _column(name: str, swept: Sweep, frames: Array, side: _Sides, shares: Array) -> _Column:
+    """Return the rates of the shapes of a cable by one key, at stations at ``shares`` (N,) of its length."""
     bound = [_bound(problem, name, swept, frames) for problem in (side.more, side.less)]
     shapes: list[CableMotion] = []
     changes = []
@@ -237,7 +240,7 @@ def _column(name: str, swept: Sweep, frames: Array, side: _Sides) -> _Column:
         units = scale(problem.cables[name].cable)[1]
         last = np.array([frame.rod.r[-1] for frame in moved])
         origins = start_positions(problem.ends(name, frames), last, units)
-        shapes.append(cable_motion(dataclasses.replace(swept, frames=moved, origins=origins, units=units)))
+        shapes.append(cable_motion(dataclasses.replace(swept, frames=moved, origins=origins, units=units), shares))
     more, less = shapes
     return _Column(
         *(
@@ -251,7 +254,8 @@ def _bound(problem: Problem, name: str, swept: Sweep, frames: Array) -> tuple[li
     """Return the cases of a cable of ``problem`` in every frame, and their equations on the mesh of ``swept``."""
     cable, gravity = problem.cables[name].cable, np.asarray(problem.gravity, dtype=float)
     cases, equations = [], []
-    for frame, ends in zip(swept.frames, problem.ends(name, frames), strict=True):
+    held = CableCases(problem, name, SOLVER, swept.fitted).problem
+    for frame, ends in zip(swept.frames, held.ends(name, frames), strict=True):
         old = frame.case.boundary
         posed = case(cable, *ends, gravity).signed_like(old.start_quaternion, old.end_quaternion)
         kind = frame.bound.transcription
@@ -309,9 +313,8 @@ def _cable_rate(side: _Sides, cable: str, field: str) -> float:
 def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -> Array:
     """Return the rates (W,) of clearances that stand where a cable begins to count, which moves along it.
 
-    Everywhere else a clearance is smallest, and moving along the cable changes nothing. A length near a clamp that does
-    not count is two limits and radii long, the least arc between points of one cable as in
-    :func:`~harness_opt.clearance.what_counts.arc_apart`; the rates of shapes are at fixed s / L.
+    Everywhere else a clearance is smallest, and moving along the cable changes nothing. How long the stretches are is
+    up to :mod:`harness_opt.clearance.what_counts`; the rates of shapes are at fixed s / L.
     """
     shapes = motion.cables[pair.cable]
     length, grown = _cable_rate(side, pair.cable, "length"), _cable_rate(side, pair.cable, "radius")
@@ -325,7 +328,9 @@ def _slid(pair: PairClearance, found: Witnesses, motion: Motion, side: _Sides) -
         return np.zeros(len(arc))
     along = np.einsum("wc,wc->w", found.normal, at_stations(tangents, shapes.s, found.frame, arc)[..., 0])
     first, last = _at_ends(pair, arc, whole)
-    shift = np.where(first, 2.0 * grown, np.where(last, length - 2.0 * grown, arc / whole * length))
+    run = motion.problem.cables[pair.cable]
+    at_start, at_end = (grown * let_off_rate(end, run.cable.radius, pair.limit) for end in (run.start, run.end))
+    shift = np.where(first, at_start, np.where(last, length - at_end, arc / whole * length))
     result: Array = along * np.where(first | last, shift - arc / whole * length, 0.0)
     return result
 

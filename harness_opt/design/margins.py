@@ -187,16 +187,12 @@ def worst_places(size: Array) -> NDArray[np.bool_]:
 def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Array:
     """Return rates (W, 3, k) at ``arc_length`` (W,) of ``frame`` (W,) from those at stations (P, N, 3, k): cubic
     Lagrange interpolation on the four stations around."""
-    spacing = s[1] - s[0]
-    first = np.clip((arc_length / spacing).astype(int) - 1, 0, len(s) - 4)
-    t = arc_length / spacing - first
-    weights = np.stack(
-        [
-            (1 - t) * (2 - t) * (3 - t) / 6,
-            t * (2 - t) * (3 - t) / 2,
-            t * (t - 1) * (3 - t) / 2,
-            t * (t - 1) * (t - 2) / 6,
-        ]
-    )
+    first = np.clip(np.searchsorted(s, arc_length, side="right") - 2, 0, len(s) - 4)
+    nodes = s[first[:, None] + np.arange(4)].T
+    weights = np.ones((4, len(first)))
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[i] *= (arc_length - nodes[j]) / (nodes[i] - nodes[j])
     found: Array = np.sum([weights[i][:, None, None] * rates[frame, first + i] for i in range(4)], axis=0)
     return found

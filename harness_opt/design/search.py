@@ -6,12 +6,13 @@ designs within the bounds. What a verification shows to be short is asked for in
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.limits import all_hold, all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Between, ClearanceResult
 from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
@@ -51,8 +52,8 @@ class Verified:
     rows: tuple[LimitResult, ...]
 
     def holds(self, *, snaps: bool = False) -> bool:
-        """Return whether every limit holds; ``snaps`` allows them."""
-        return self.motion.ok and all(row.margin >= 0 for row in self.rows) and (snaps or not self.motion.snaps)
+        """Return whether every limit is certain to hold; ``snaps`` allows them."""
+        return self.motion.ok and all_hold(self.rows) == "yes" and (snaps or not self.motion.snaps)
 
 
 def spread(count: int, dimensions: int) -> Array:
@@ -145,12 +146,13 @@ def verified(evaluate: Evaluator, objective: Objective, design: Evaluated, note:
 
 
 def _ask_for_more(evaluate: Evaluator, found: Verified) -> None:
-    """Ask in addition for what a verification found short."""
+    """Ask in addition for what a verification found short, or too near to its limit to be certain."""
     for row in found.rows:
-        if row.margin < 0:
+        short = row.margin - (row.tolerance if row.holds == "uncertain" else 0.0)
+        if short < 0 and math.isfinite(short):
             radius = found.motion.problem.cables[row.cable].cable.radius
             # what is short by less than the search lets pass would otherwise stay so
-            evaluate.asked[row.id] += EXTRA * -row.margin / row.scale(radius) + GUARD
+            evaluate.asked[row.id] += EXTRA * -short / row.scale(radius) + GUARD
 
 
 def verify(evaluate: Evaluator, design: Evaluated) -> Verified:

@@ -122,4 +122,7 @@ def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
         if values.shape != (frames,):
             raise ValueError(f"{name}/{field}: {values.shape}")
         found[field] = values
-    return CableMotion(s, **found)
+    mesh = arrays.get(f"{name}/mesh", np.linspace(0.0, 1.0, len(s)))
+    if mesh.ndim != 1 or len(mesh) < 2 or not _finite(mesh) or np.any(np.diff(mesh) <= 0):
+        raise ValueError(f"{name}/mesh: no nodes of elements")
+    return CableMotion(s, **found, mesh=mesh)

@@ -100,26 +100,37 @@ def _cable(tree: Tree, name: str) -> Iterator[Mistake]:
 
 def _choices(path: KeyPath, end: Tree) -> Iterator[Mistake]:
     """Check what excludes each other at one end."""
-    for *others, key in (("position", "force"), (*ORIENTATIONS, "moment"), ORIENTATIONS):
+    for *others, key in (
+        ("position", "force"),
+        (*ORIENTATIONS, "moment"),
+        ORIENTATIONS,
+        ("quaternion", "roll"),
+        ("roll", "roll_deg"),
+    ):
         for other in others:
             if other in end and key in end:
                 yield (*path, key), f"found {other} as well, expected {other} or {key}"
-    if "roll_deg" in end and "tangent" not in end:
-        yield (*path, "tangent"), "found nothing, expected a tangent for roll_deg to turn about"
+    for key in ("roll", "roll_deg"):
+        if key in end and "tangent" not in end and not (key == "roll" and "quaternion" in end):
+            yield (*path, "tangent"), f"found nothing, expected a tangent for {key} to turn about"
 
 
 def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
-    """Check that turns stand where they count: at the end of a cable that is clamped at both ends."""
-    if value(ends["start"], "turns"):
-        turns = value(ends["start"], "turns")
-        yield (*path, "start", "turns"), f"found {shown(turns)}, expected turns at the cable's end only"
-    turns = value(ends["end"], "turns")
-    if not turns:
-        return
-    for side, end in ends.items():
-        if not any(key in end for key in ORIENTATIONS):
-            words = f"expected 0, as the {side} has neither quaternion nor tangent"
-            yield (*path, "end", "turns"), f"found {shown(turns)}, {words}"
+    """Check that turns stand where they count, between ends that hold the cable, and are whole unless untwisted."""
+    for own, end in ends.items():
+        turns, key = value(end, "turns"), (*path, own, "turns")
+        if not turns:
+            continue
+        untwisted = "tangent" in end and "roll_deg" not in end and value(end, "roll") != "free"
+        if own == "start" and not untwisted:
+            yield key, f"found {shown(turns)}, expected turns at the cable's end only, or at an untwisted start"
+        elif not untwisted and turns != int(turns):
+            yield key, f"found {shown(turns)}, expected a whole number: the roll is given"
+        for side, other in ends.items():
+            if not any(name in other for name in ORIENTATIONS):
+                yield key, f"found {shown(turns)}, expected 0, as the {side} has neither quaternion nor tangent"
+            elif value(other, "roll") == "free":
+                yield key, f"found {shown(turns)}, expected 0, as the {side} turns freely"
 
 
 # --- parts and limits ----------------------------------------------------------------------------------
@@ -134,7 +145,7 @@ def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
     if len(shapes) != 1:
         found = " and ".join(shapes) or "no shape"
         yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
-    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell")):
+    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell"), ("up", "an axis")):
         if key in part and "mesh" not in part:
             yield (*path, key), f"found {words} without a mesh, expected it beside mesh only"
     if value(part, "mesh") is not None:

@@ -26,7 +26,7 @@ WEIGHTS = ("density", "mass_per_length")  # one of the two is given, or none
 TURNS = {f"rotate_{letter}_deg": axis for axis, letter in enumerate("xyz")}
 PERCENT = {"stiffness_percent": STIFFNESSES, "weight_percent": WEIGHTS}
 STILL = ("motion", "limits", "design")  # sections whose keys move no shape
-REWRITTEN = ("density", "tangent", "roll_deg")  # keys that a written file has in other words
+REWRITTEN = ("density",)  # keys that a written file has in other words
 FIXED = ("schema", "title", "robust")  # what no study varies
 
 
@@ -76,7 +76,7 @@ def differentiable(quantity: Quantity) -> bool:
         return True
     number = isinstance(quantity.value, (int, float)) and not isinstance(quantity.value, bool)
     part = quantity.path[0] == "parts" and quantity.path[-1] not in ("position", "quaternion")
-    whole = quantity.path[-1] == "turns"
+    whole = quantity.path[-1] in ("turns", "fitted_at")  # or within bounds that a step may leave
     return number and quantity.path[0] not in STILL and not whole and not part
 
 

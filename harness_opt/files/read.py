@@ -304,7 +304,8 @@ def _path_of(end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotati
 
 
 def _cable_run(cable: file_schema.CableTable) -> CableRun:
-    return CableRun(_cable(cable), start=_end(cable.start), end=_end(cable.end), bow=cable.bow)
+    ends = _end(cable.start), _end(cable.end)
+    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at)
 
 
 def _cable(cable: file_schema.CableTable) -> Cable:
@@ -322,10 +323,7 @@ def _cable(cable: file_schema.CableTable) -> Cable:
 
 
 def _end(end: file_schema.EndTable) -> End:
-    quaternion: Any = end.quaternion
-    if end.tangent is not None:
-        quaternion = rotations.from_tangent(end.tangent, math.radians(end.roll_deg or 0.0))
-    return End(end.position, quaternion, end.force, end.moment, end.turns, end.body)
+    return End(**end.model_dump())
 
 
 def _part(part: file_schema.PartTable, places: Places) -> Part:
@@ -341,7 +339,7 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
 
 
 def _limits(limits: file_schema.LimitsTable) -> Limits:

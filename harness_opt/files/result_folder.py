@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.whole_folder import beside, clear_away, flush, held, left_over, put, write_whole
+from harness_opt.files.whole_folder import beside, clear_away, flush, left_over, locked, put, write_whole
 
 SUMMARY = "summary.json"
 ASIDE = "-interrupted"  # added to the name of a folder that holds a whole result, for a part of another
@@ -108,7 +108,7 @@ def replacing(folder: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         clear_away(target)
         aside.mkdir()
-        with held(aside):
+        with locked(aside):
             yield aside
             keep_foreign(target, aside)
             flush(aside)

@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationError
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import core_schema
 
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
@@ -24,19 +22,23 @@ from harness_opt.files.values import (
     KeyPath,
     MeshUnit,
     Mistake,
+    MotionValue,
     NotNegative,
     Number,
     Positive,
     Quaternion,
+    RollWord,
     Share,
     Size,
     Table,
     TableKind,
     Text,
+    UpAxis,
     Vector,
     Whole,
     one_of,
     only_integer,
+    schema_of,
     shown,
 )
 
@@ -57,8 +59,12 @@ class EndTable(Table):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "allOf": [*_not_both("position", "force"), *_not_both("quaternion", "tangent", "moment")],
-            "dependentRequired": {"roll_deg": ["tangent"]},
+            "allOf": [
+                *_not_both("position", "force"),
+                *_not_both("quaternion", "tangent", "moment"),
+                *_not_both("roll", "roll_deg"),
+            ],
+            "dependentRequired": {"roll": ["tangent"], "roll_deg": ["tangent"]},
         }
     )
 
@@ -75,13 +81,24 @@ class EndTable(Table):
         default=None, description="d3 in body coordinates, along growing arc length at both ends, any length."
     )
     roll_deg: Number | None = Field(
-        default=None,
-        description="Turns the section about its tangent, from d1 = body x seen on the section, degrees.",
+        default=None, description="Roll about the tangent by hand, from d1 = body x seen on the section, degrees."
+    )
+    roll: RollWord | None = Field(
+        default=None, description="untwisted (if no roll is given): as fitted (fitted_at), plus turns; free: a swivel."
     )
     moment: Vector | None = Field(default=None, description="Dead moment on the cable at this end, world, N m.")
-    turns: Whole = Field(
-        default=0,
-        description="At the end only: whole turns added to the smallest twist that joins the two clamps.",
+    turns: Number = Field(
+        default=0, description="Any number an untwisted end is turned on by; else, at the end only, whole turns added."
+    )
+    holders: list[Text] | None = Field(
+        default=None,
+        description="Parts of the clamp's body that hold the cable, which it may be in until it has left them. "
+        "Left out: those that contain the clamp's point or come nearer to it than the cable's radius; [] is none.",
+    )
+    let_off: NotNegative | None = Field(
+        default=None,
+        description="Arc over which a holder's limit does not count, m; left out: the radius plus the limit, at least "
+        "two diameters.",
     )
 
 
@@ -107,6 +124,7 @@ class CableTable(Table):
         default=None,
         description="World direction to which the cable bows between its ends in the starting shape.",
     )
+    fitted_at: MotionValue = Field(default=0.0, description="Motion value, 0 to 1, where an untwisted end is clamped.")
     start: EndTable = Field(description="What holds the cable at arc length 0.")
     end: EndTable = Field(description="What holds the cable at its full length.")
 
@@ -188,7 +206,7 @@ class PartTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [{"required": [shape]} for shape in PART_SHAPES],
-            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell")},
+            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell", "up")},
             "if": {
                 "required": ["mesh"],
                 "properties": {"mesh": {"pattern": r"\.([sS][tT][lL]|[oO][bB][jJ]|[pP][lL][yY])$"}},
@@ -210,6 +228,11 @@ class PartTable(Table):
     shell: bool = Field(
         default=False,
         description="Whether a mesh that is not closed will do; a cable inside such a shell goes unnoticed.",
+    )
+    up: UpAxis | None = Field(
+        default=None,
+        description="The mesh's axis that points up; y is turned to z, (x, y, z) to (x, -z, y). Left out, it is y "
+        "for GLB and glTF, as their specification says, and z for STL, OBJ and PLY, which say nothing.",
     )
     box: BoxTable | None = Field(default=None, description="A box instead of a mesh.")
     cylinder: CylinderTable | None = Field(default=None, description="A cylinder instead of a mesh.")
@@ -264,7 +287,7 @@ class DesignTable(Table):
     variables: dict[str, Bounds] = Field(
         default_factory=dict,
         description="Absolute [lower, upper] by name: CABLE.length (m), CABLE.start.position.x (m, body "
-        "coordinates), CABLE.end.rotate_x_deg (degrees about the clamp's own d1, from the pose "
+        "coordinates), CABLE.end.rotate_x_deg (degrees about d1, a tangent's projected x, from the pose "
         'given) and the like; or text that has it follow another variable: "= lead.start.position.x", '
         '"= 2 * lead.length - 0.01".',
     )
@@ -331,25 +354,6 @@ def structured(
 def schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of the problem file, with units and words on every key."""
     return schema_of(ProblemTable, "Problem file of harness-opt")
-
-
-def schema_of(table: type[Table], title: str) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a file whose keys are those of ``table``."""
-    generated = table.model_json_schema(schema_generator=_FileSchema)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated, "title": title}
-
-
-class _FileSchema(GenerateJsonSchema):
-    """JSON Schema without null: TOML has none, an optional key is left out instead."""
-
-    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
-        """Return the schema of what is not null."""
-        return self.generate_inner(schema["schema"])
-
-    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        """Return the schema with its default, unless that is null or a table of nulls."""
-        generated = super().default_schema(schema)
-        return {k: v for k, v in generated.items() if k != "default" or not isinstance(v, dict | None)}
 
 
 def _copied(value: Any) -> Any:

@@ -11,10 +11,11 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from harness_opt.model.limits import KIND_OF_KEY, LimitId, LimitKind, Obstacle
+from harness_opt.model.results import Holds
 
 Json = dict[str, Any]
 Command = Literal["simulate", "redesign"]
-Verdict = Literal["ok", "violated", "infeasible", "unsolved"]
+Verdict = Literal["ok", "violated", "uncertain", "infeasible", "unsolved"]
 Number = float | None  # None where it is not finite
 
 
@@ -36,6 +37,7 @@ class LimitEntry(TypedDict):
     frame: Annotated[int, _said("Of the worst, or the nearest to it")]
     motion: Annotated[float, _said("Where along the motion the worst stands, 0 to 1")]
     arc_length: Annotated[float, _said("Where along the cable the worst stands, m")]
+    holds: Annotated[Holds, _said('"no" where any point found violates it, "yes" where it is certain to hold')]
     certified: Annotated[bool, _said("Whether nothing between samples is worse by more than ``tolerance``")]
     tolerance: Number
     reason: Annotated[str, _said("Why it is not certified, where that was tried")]

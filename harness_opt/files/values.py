@@ -21,6 +21,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from harness_opt.model.limits import quoted
@@ -36,6 +37,7 @@ SHORTEST = 1e-100  # direction, in any unit: its square must not vanish
 LONGEST_SHOWN = 60  # characters of a wrong value that a message repeats
 
 MESH_UNITS = ("m", "cm", "mm", "in")
+UP_AXES = ("y", "z")
 
 
 def shown(value: object) -> str:
@@ -174,7 +176,10 @@ def coupling(text: str) -> tuple[str, float, float] | None:
     return (found["leader"], factor, offset) if max(abs(factor), abs(offset)) <= LARGEST else None
 
 
+RollWord = Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted", "free")))]
+MotionValue = Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")]
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]
+UpAxis = Annotated[Literal["y", "z"], Expected(one_of(UP_AXES))]
 
 
 class Table(BaseModel):
@@ -215,3 +220,22 @@ class Table(BaseModel):
 
 
 TableKind = TypeVar("TableKind", bound=Table)
+
+
+def schema_of(table: type[Table], title: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a file whose keys are those of ``table``."""
+    generated = table.model_json_schema(schema_generator=_FileSchema)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated, "title": title}
+
+
+class _FileSchema(GenerateJsonSchema):
+    """JSON Schema without null: TOML has none, an optional key is left out instead."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        """Return the schema of what is not null."""
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        """Return the schema with its default, unless that is null or a table of nulls."""
+        generated = super().default_schema(schema)
+        return {k: v for k, v in generated.items() if k != "default" or not isinstance(v, dict | None)}

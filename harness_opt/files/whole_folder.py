@@ -26,7 +26,7 @@ def beside(target: Path, end: str = PART) -> Path:
 
 
 @contextlib.contextmanager
-def held(entry: Path) -> Iterator[None]:
+def locked(entry: Path) -> Iterator[None]:
     """Hold a lock on a file or folder, which ends with this process at the latest."""
     if os.name == "nt":  # Windows opens no folders
         yield
@@ -134,7 +134,7 @@ def filling(folder: Path) -> Iterator[Path]:
     aside = beside(target)
     aside.mkdir()
     try:
-        with held(aside):
+        with locked(aside):
             yield aside
             flush(aside)
             target.mkdir(exist_ok=True)
@@ -157,7 +157,7 @@ def write_whole(file: Path, content: bytes) -> None:
     clear_away(file)
     aside = beside(file)
     try:
-        with aside.open("xb") as stream, held(aside):
+        with aside.open("xb") as stream, locked(aside):
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())

@@ -141,6 +141,7 @@ def _cable(run: CableRun) -> Table:
         ("mass_per_length", float(cable.mass_per_length) or None, "kg/m"),
         ("rest_curvature", _numbers(cable.rest_curvature) if any(cable.rest_curvature) else None, "1/m"),
         ("bow", _numbers(run.bow), "to which side it bows at the start"),
+        ("fitted_at", float(run.fitted_at) or None, "of the motion, 0 to 1, where an untwisted end is clamped"),
         ("start", _end(run.start), ""),
         ("end", _end(run.end), ""),
     ]
@@ -155,8 +156,13 @@ def _end(end: End) -> InlineTable:
             ("position", _numbers(end.position), ""),
             ("force", _numbers(end.force), ""),
             ("quaternion", _numbers(end.quaternion), ""),
+            ("tangent", _numbers(end.tangent), ""),
+            ("roll", end.roll if end.roll != "untwisted" else None, ""),
+            ("roll_deg", end.roll_deg, ""),
             ("moment", _numbers(end.moment), ""),
             ("turns", end.turns or None, ""),
+            ("holders", None if end.holders is None else list(end.holders), ""),
+            ("let_off", end.let_off, ""),
         ]
     )
 
@@ -226,6 +232,7 @@ def _shape_rows(shape: MeshFile | Solid, places: Places) -> Rows:
             ("mesh_unit", shape.unit, ""),
             ("mesh_sha256", places.sha256_of(shape.path), ""),
             ("shell", True if shape.shell else None, ""),
+            ("up", shape.up, ""),
         ]
     if isinstance(shape, Box):
         return [("box", _inline([("size", _numbers(shape.size), "")]), "m")]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,35 +71,78 @@ class Cable:
         """Half the diameter, m."""
         return 0.5 * self.diameter
 
+    @property
+    def rolls_freely(self) -> bool:
+        """Whether turning its section about its own centreline costs nothing: it is round, and made straight."""
+        kx, ky, _ = self.stiffness
+        return bool(kx == ky) and not any(self.rest_curvature)
+
+
+Roll = Literal["untwisted", "free"]
+ROLLS = get_args(Roll)
+Side = Literal["start", "end"]
+
 
 @dataclass(frozen=True)
 class End:
-    """What holds one end of a cable: ``position`` or ``force``, and ``quaternion`` or ``moment``.
+    """What holds one end of a cable: ``position`` or ``force``, and ``quaternion``, ``tangent`` or ``moment``.
+
+    A tangent leaves the roll about it open. ``roll_deg`` turns the section from the body's x axis projected on it (its
+    y axis where the tangent lies along x). "untwisted", which is meant where neither is said, takes the roll at which
+    the cable carries no twisting moment at motion ``fitted_at`` of its :class:`CableRun`, plus ``turns``; from then on
+    it is held. "free" is a swivel: the end turns about its tangent throughout.
 
     Args:
         position: of the centreline's end in the coordinates of ``body``, m.
         quaternion: section frame in the coordinates of ``body``; d3 points along growing arc length at both ends.
         force: dead load that the surroundings apply to the cable at this end, world, N.
         moment: the same for the moment, N m.
-        turns: whole turns of twist added, at the end of the cable, to the smallest twist that joins the two clamps.
+        turns: of an untwisted end, any number by which it is turned on from there about its tangent; else whole turns
+            of twist added, at the end of the cable, to the smallest twist that joins the two clamps.
         body: name of the body that carries the clamp.
+        holders: parts of that body that hold the cable here, by name: what it comes out of. None takes those that
+            contain the clamp's point, or come nearer to it than the cable's radius.
+        let_off: arc over which a holder's limit does not count, m: until the cable has left it, and near it after.
+            None takes the radius and the limit, at least two diameters.
+        tangent: d3 in the coordinates of ``body``, along growing arc length at both ends, of any length.
+        roll: of an end with a tangent, "untwisted" or "free".
+        roll_deg: of an end with a tangent, by hand, degrees.
+        swivel: whether the end turns freely about d3 of its quaternion: what "free" is once the body is placed.
 
     A quantity that is given as neither is free: no force, or no moment.
 
     Raises:
-        ProblemError: position and force together, quaternion and moment together, numbers that are not finite,
-            a quaternion that is not a unit quaternion, turns that are not whole.
+        ProblemError: position and force together, two of quaternion, tangent and moment, a roll without a tangent,
+            numbers that are not finite, a quaternion that is not a unit quaternion, turns that are not whole of an
+            end that is not untwisted.
     """
 
     position: Vector | None = None
     quaternion: Quaternion | None = None
     force: Vector | None = None
     moment: Vector | None = None
-    turns: int = 0
+    turns: float = 0
     body: str = WORLD
+    holders: tuple[str, ...] | None = None
+    let_off: float | None = None
+    tangent: Vector | None = None
+    roll: Roll | None = None
+    roll_deg: float | None = None
+    swivel: bool = False
 
     def __post_init__(self) -> None:
-        for given, load in (("position", "force"), ("quaternion", "moment")):
+        if self.let_off is not None:
+            object.__setattr__(self, "let_off", checks.positive("let_off", self.let_off, zero=True))
+        if self.holders is not None:
+            object.__setattr__(self, "holders", tuple(self.holders))
+        for given, load in (
+            ("position", "force"),
+            ("quaternion", "moment"),
+            ("quaternion", "tangent"),
+            ("tangent", "moment"),
+            ("quaternion", "roll"),
+            ("roll", "roll_deg"),
+        ):
             if getattr(self, given) is not None and getattr(self, load) is not None:
                 raise ProblemError(f"{load}: an end takes {given} or {load}, found both")
         for name in ("position", "force", "moment"):
@@ -106,19 +150,78 @@ class End:
                 object.__setattr__(self, name, checks.numbers(name, getattr(self, name), 3))
         if self.quaternion is not None:
             object.__setattr__(self, "quaternion", checks.quaternion("quaternion", self.quaternion))
-        whole = isinstance(self.turns, (int, float)) and not isinstance(self.turns, bool)
-        if not whole or not math.isfinite(self.turns) or self.turns != int(self.turns):
-            raise ProblemError(f"turns: found {self.turns!r}, expected a whole number")
-        object.__setattr__(self, "turns", int(self.turns))
+        self._check_roll()
+
+    def _check_roll(self) -> None:
+        """Check the tangent, what is said of the roll about it, and the turns."""
+        if self.tangent is not None:
+            object.__setattr__(self, "tangent", checks.direction("tangent", self.tangent))
+        for name in ("roll", "roll_deg"):
+            if getattr(self, name) is not None and self.tangent is None:
+                raise ProblemError(f"{name}: found it without a tangent, expected one for it to turn about")
+        if self.roll is not None and self.roll not in ROLLS:
+            raise ProblemError(f"roll: found {self.roll!r}, expected 'untwisted' or 'free'")
+        if self.roll_deg is not None:
+            object.__setattr__(self, "roll_deg", checks.numbers("roll_deg", [self.roll_deg], 1)[0])
+        elif self.tangent is not None and self.roll is None:
+            object.__setattr__(self, "roll", "untwisted")
+        turns = self.turns
+        if not isinstance(turns, (int, float)) or isinstance(turns, bool) or not math.isfinite(turns):
+            raise ProblemError(f"turns: found {turns!r}, expected a whole number, or any number of an untwisted end")
+        if turns == int(turns):
+            object.__setattr__(self, "turns", int(turns))
+        elif self.roll != "untwisted":
+            raise ProblemError(f"turns: found {turns!r}, expected a whole number: the roll is given")
+        if turns and (self.roll == "free" or self.swivel):
+            raise ProblemError(f"turns: found {turns!r}, expected 0: an end that turns freely keeps none")
+
+    @property
+    def frame(self) -> Quaternion | None:
+        """The section frame in the coordinates of ``body``; its roll is the projection's where it is open.
+
+        None where the orientation is free.
+        """
+        if self.tangent is None:
+            return self.quaternion
+        return _tuple(rotations.from_tangent(self.tangent, math.radians(self.roll_deg or 0.0)))
+
+    @property
+    def has_open_roll(self) -> bool:
+        """Whether the roll is to be found: once, or in every frame."""
+        return self.roll is not None or self.swivel
+
+    def held(self, quaternion: ArrayLike | None = None) -> End:
+        """Return this end clamped in ``quaternion`` (4,), in the coordinates of ``body``; None takes its own frame."""
+        frame = self.frame if quaternion is None else _tuple(np.asarray(quaternion, dtype=float))
+        return dataclasses.replace(
+            self,
+            quaternion=frame,
+            turns=0 if self.roll == "untwisted" else self.turns,
+            tangent=None,
+            roll=None,
+            roll_deg=None,
+            swivel=False,
+        )
 
     def placed(self, position: ArrayLike, quaternion: ArrayLike) -> End:
-        """Return this end in world coordinates, its body standing at ``position`` (3,) and ``quaternion`` (4,)."""
+        """Return this end in world coordinates, its body standing at ``position`` (3,) and ``quaternion`` (4,).
+
+        A roll that is open turns freely; the frame there is the projection's.
+        """
+        end = self if self.tangent is None else self.held()
         moved: dict[str, object] = {"body": WORLD}
         if self.position is not None:
             moved["position"] = tuple(np.asarray(position) + rotations.rotate(quaternion, self.position))
-        if self.quaternion is not None:
-            moved["quaternion"] = tuple(rotations.multiply(quaternion, self.quaternion))
-        return dataclasses.replace(self, **moved)  # type: ignore[arg-type]
+        if end.quaternion is not None:
+            moved["quaternion"] = tuple(rotations.multiply(quaternion, end.quaternion))
+        if self.has_open_roll:
+            moved |= {"swivel": True, "turns": 0}
+        return dataclasses.replace(end, **moved)  # type: ignore[arg-type]
+
+
+def _tuple(q: Array) -> Quaternion:
+    found: Quaternion = tuple(q.tolist())
+    return found
 
 
 @dataclass(frozen=True)
@@ -130,15 +233,49 @@ class CableRun:
         start, end: what holds it at arc length 0 and at its full length.
         bow: world direction to which the cable bows between its ends in the starting shape; None leaves it to
             gravity, or to the clamps.
+        fitted_at: motion value, 0 to 1, at which an untwisted end is clamped.
     """
 
     cable: Cable
     start: End
     end: End
     bow: Vector | None = None
+    fitted_at: float = 0.0
 
     def __post_init__(self) -> None:
+        at = self.fitted_at
+        if not isinstance(at, (int, float)) or isinstance(at, bool) or not 0.0 <= at <= 1.0:
+            raise ProblemError(f"fitted_at: found {at!r}, expected a number from 0 to 1")
         if self.bow is not None:
             object.__setattr__(self, "bow", checks.direction("bow", self.bow))
         if self.start.position is None and self.end.position is None:
             raise ProblemError("end.position: neither end has a position, so the cable would fly away")
+
+    @property
+    def untwisted(self) -> Side | None:
+        """The end whose roll is to be found: the end, or the start where the end has its roll; None where neither is.
+
+        Nothing is to be found where no other end holds the roll of a round cable made straight: any does.
+        """
+        sides: dict[Side, End] = {"end": self.end, "start": self.start}
+        open_sides = [side for side, end in sides.items() if end.roll == "untwisted"]
+        if not open_sides:
+            return None
+        other = self.start if open_sides[0] == "end" else self.end
+        loose = other.frame is None or other.roll == "free" or other.swivel
+        return None if loose and self.cable.rolls_freely else open_sides[0]
+
+    @property
+    def to_fit(self) -> CableRun:
+        """This run as it is fitted: the untwisted end turns freely, every other that is not free is held."""
+        changed = {
+            side: end.held()
+            for side, end in (("start", self.start), ("end", self.end))
+            if end.frame is not None and end.roll != "free" and not end.swivel and side != self.untwisted
+        }
+        return dataclasses.replace(self, **changed)  # type: ignore[arg-type]
+
+    @property
+    def turned_in(self) -> float:
+        """Turns of twist that the ends are turned by after the cable was fitted."""
+        return sum(sign * end.turns for sign, end in ((-1, self.start), (1, self.end)) if end.roll != "free")

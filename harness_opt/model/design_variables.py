@@ -17,6 +17,7 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
 AXES = ("x", "y", "z")
+ALONG = 1e-9  # sine of the angle to the x axis, below which a tangent lies along it: as rotations.from_tangent
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def names(problem: Problem) -> list[str]:
         for side, end in (("start", run.start), ("end", run.end)):
             if end.position is not None:
                 found += [f"{cable}.{side}.position.{axis}" for axis in AXES]
-            if end.quaternion is not None:
+            if end.frame is not None:
                 found += [f"{cable}.{side}.rotate_{axis}_deg" for axis in AXES]
     return found
 
@@ -137,7 +138,8 @@ def _turn(turns: dict[int, float]) -> Array:
 def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
     """Return ``problem`` with its design variables set to ``design`` (k,), and what is coupled with them.
 
-    Clamps turn about their own d1, then d2, then d3. Bounds on turns are kept as they are; see :func:`rebased`.
+    Clamps turn about their own d1, then d2, then d3; those with a tangent about the axes projected on it, and then
+    about it. Bounds on turns are kept as they are; see :func:`rebased`.
     """
     runs = dict(problem.cables)
     turns: dict[tuple[str, str], dict[int, float]] = {}
@@ -158,10 +160,32 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
         else:
             turns.setdefault((what.cable, what.side), {})[what.axis] = number
     for (cable, side), angles in turns.items():
-        end = getattr(runs[cable], side)
-        turned = tuple(rotations.multiply(np.asarray(end.quaternion), _turn(angles)).tolist())
-        runs[cable] = dataclasses.replace(runs[cable], **{side: dataclasses.replace(end, quaternion=turned)})  # type: ignore[arg-type]
+        end = _turned(getattr(runs[cable], side), angles)
+        runs[cable] = dataclasses.replace(runs[cable], **{side: end})  # type: ignore[arg-type]
     return dataclasses.replace(problem, cables=runs)
+
+
+def _turned(end: End, angles: dict[int, float]) -> End:
+    """Return ``end`` turned by ``angles`` (deg, by axis), in its own words."""
+    if end.tangent is None:
+        turned = rotations.multiply(np.asarray(end.quaternion), _turn(angles))
+        return dataclasses.replace(end, quaternion=tuple(turned.tolist()))
+    frame, about = _tilted(end, angles), angles.get(2, 0.0)
+    tilted = any(angles.get(axis) for axis in (0, 1))
+    tangent = tuple(rotations.tangent(frame).tolist()) if tilted else end.tangent
+    if end.roll_deg is not None:
+        section = rotations.multiply(frame, _turn({2: end.roll_deg + about}))
+        left = rotations.multiply(rotations.conjugate(rotations.from_tangent(tangent)), section)
+        roll = float(np.rad2deg(rotations.small_rotation_vector(left)[2])) if tilted else end.roll_deg + about
+        return dataclasses.replace(end, tangent=tangent, roll_deg=roll)
+    turns = end.turns + about / 360.0 if end.roll == "untwisted" else end.turns
+    return dataclasses.replace(end, tangent=tangent, turns=turns)
+
+
+def _tilted(end: End, angles: dict[int, float]) -> Array:
+    """Return the frame (4,) projected on the tangent of ``end``, turned about its d1 and then its d2 (deg, by axis)."""
+    tilt = {axis: angle for axis, angle in angles.items() if axis < 2}
+    return rotations.multiply(rotations.from_tangent(end.tangent), _turn(tilt))  # type: ignore[arg-type]
 
 
 def rebased(problem: Problem, design: Array) -> Problem:
@@ -188,8 +212,10 @@ class ClampRates:
 
     Args:
         start, end: of the clamps' world positions, (P, 3, k), m per unit of the variable.
-        start_turn, end_turn: of the clamps' orientations, in their own section frames, (3, k), rad per unit.
+        start_turn, end_turn: of the clamps' orientations, in their own section frames, (3, k), rad per unit; of the
+            untwisted end that is fitted, only by how much it is turned on from there.
         length: (k,), m per unit.
+        fitted: the same where the cable is fitted, in the one frame there; None where nothing is to be fitted.
     """
 
     start: Array
@@ -197,6 +223,7 @@ class ClampRates:
     start_turn: Array
     end_turn: Array
     length: Array
+    fitted: ClampRates | None = None
 
 
 def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> ClampRates:
@@ -208,6 +235,16 @@ def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> C
         design: present values.
         motion: (P,) of the frames.
     """
+    run = problem.cables[cable]
+    rates = _rates(problem, cable, design, motion, as_fitted=False)
+    if run.untwisted is None:
+        return rates
+    there = _rates(problem, cable, design, np.array([run.fitted_at]), as_fitted=True)
+    return dataclasses.replace(rates, fitted=there)
+
+
+def _rates(problem: Problem, cable: str, design: Array, motion: Array, *, as_fitted: bool) -> ClampRates:
+    """Return :func:`clamp_rates` without those of the fit, or, ``as_fitted``, of the ends before they are turned on."""
     names, matrix, offset = _linear(problem)
     place = dict(zip(names, matrix @ np.asarray(design, dtype=float) + offset, strict=True))
     count, run = len(names), problem.cables[cable]
@@ -228,10 +265,11 @@ def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> C
             quaternions = problem.poses(getattr(run, what.side).body, motion)[1]
             moves[what.side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
         else:
-            # the turns that come after this one carry its axis along: seen from the final section frame
-            after = {axis: angle for axis, angle in angles[what.side].items() if axis > what.axis}
-            axis = rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[what.axis])
-            turn[what.side][:, j] = np.deg2rad(1.0) * axis
+            end, which = getattr(run, what.side), (what.axis, angles[what.side])
+            if end.roll == "untwisted":
+                turn[what.side][:, j] = _untwisted_rates(end, *which, as_fitted, what.side == run.untwisted)
+            else:
+                turn[what.side][:, j] = _given_rates(end, *which)
     return ClampRates(
         moves["start"] @ matrix,
         moves["end"] @ matrix,
@@ -239,3 +277,60 @@ def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> C
         turn["end"] @ matrix,
         length @ matrix,
     )
+
+
+def _given_rates(end: End, about: int, angles: dict[int, float]) -> Array:
+    """Return the turn (3,), rad a degree, of an end whose roll is given or free, in its final section frame.
+
+    Args:
+        end: as drawn.
+        about: number of the axis.
+        angles: deg, by axis.
+    """
+    # the turns that come after this one carry its axis along
+    after = {axis: angle for axis, angle in angles.items() if axis > about}
+    if end.roll_deg is not None and about < 2:
+        after[2] = after.get(2, 0.0) + end.roll_deg
+    axis = rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[about])
+    if end.roll == "free" and about < 2:  # it turns about its tangent whatever turns it there
+        axis = _in_projection(end, angles, _tilt_axis(about, angles))
+    found: Array = np.deg2rad(1.0) * np.asarray(axis)
+    return found
+
+
+def _tilt_axis(about: int, angles: dict[int, float]) -> Array:
+    """Return the axis (3,) of a turn about d1 or d2 of a projected frame, in the frame tilted by ``angles``."""
+    after = {1: angles.get(1, 0.0)} if about == 0 else {}
+    return rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[about])
+
+
+def _in_projection(end: End, angles: dict[int, float], axis: Array) -> Array:
+    """Return ``axis`` (3,) of the tilted frame in the frame projected on its tangent."""
+    tilted = _tilted(end, angles)
+    projected = rotations.from_tangent(rotations.tangent(tilted))
+    return rotations.rotate(rotations.multiply(rotations.conjugate(projected), tilted), axis)
+
+
+def _untwisted_rates(end: End, about: int, angles: dict[int, float], as_fitted: bool, found: bool) -> Array:
+    """Return the turn (3,), rad a degree, of an untwisted end in its section frame.
+
+    Args:
+        end, about, angles: as above.
+        as_fitted: before it is turned on.
+        found: whether its roll is found by fitting, and not the projection's.
+    """
+    if about == 2:
+        return np.zeros(3) if as_fitted else np.deg2rad(1.0) * np.eye(3)[2]
+    if found and not as_fitted:
+        return np.zeros(3)
+    tilt = _in_projection(end, angles, _tilt_axis(about, angles))
+    # the projected d1 turns about the tangent as that tilts: d2 . d1' = (d3 . e) w1 / |e - (d3 . e) d3|, e the axis
+    projected = rotations.from_tangent(rotations.tangent(_tilted(end, angles)))
+    d1, _, d3 = rotations.matrix(projected).T
+    reference = np.eye(3)[0 if np.linalg.norm(np.cross(d3, np.eye(3)[0])) > ALONG else 1]
+    tilt[2] = tilt[0] * (d3 @ reference) / (d1 @ reference)
+    if not as_fitted:
+        turns = end.turns + angles.get(2, 0.0) / 360.0
+        tilt = rotations.rotate(rotations.conjugate(_turn({2: 360.0 * turns})), tilt)
+    result: Array = np.deg2rad(1.0) * np.asarray(tilt)
+    return result

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from harness_opt.model.bodies import WORLD
 from harness_opt.model.checks import Quaternion, Vector
 from harness_opt.numerics import rotations
+
+Y_UP = (".glb", ".gltf")  # formats whose y axis points up: glTF 2.0, section 3.4
 
 
 @dataclass(frozen=True)
@@ -18,11 +21,18 @@ class MeshFile:
         path: absolute path of the file.
         unit: of its coordinates: "m", "cm", "mm", "in"; None where the format carries its own (GLB: metres).
         shell: whether a surface that is not closed will do: it has no inside, so a cable there goes unnoticed.
+        up: its axis that points up, "y" or "z"; None for what its format says.
     """
 
     path: Path
     unit: str | None = None
     shell: bool = False
+    up: Literal["y", "z"] | None = None
+
+    @property
+    def up_axis(self) -> Literal["y", "z"]:
+        """Its axis that points up; a y is turned to z, which is up in bodies: (x, y, z) becomes (x, -z, y)."""
+        return self.up or ("y" if self.path.suffix.lower() in Y_UP else "z")
 
 
 @dataclass(frozen=True)

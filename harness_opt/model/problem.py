@@ -6,8 +6,8 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.design import Design, Limits, Robust
 from harness_opt.model.parts import MeshFile, Part
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
 
@@ -103,6 +104,25 @@ class Problem:
         return self.limits.clearance if own is None else own
 
 
+def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) -> Problem:
+    """Return ``problem`` with the ends of ``cable`` whose rolls were to be found clamped in ``frames``.
+
+    Args:
+        problem, cable: as above.
+        at: motion value, 0 to 1, of the frames.
+        frames: section frames (4,) of both ends there, in the world.
+    """
+    run, held = problem.cables[cable], dict[str, End]()
+    for side, frame in zip(("start", "end"), frames, strict=True):
+        end: End = getattr(run, side)
+        if end.roll == "untwisted":
+            body = problem.poses(end.body, [at])[1][0]
+            held[side] = end.held(rotations.multiply(rotations.conjugate(body), rotations.normalise(frame)))
+    if not held:
+        return problem
+    return replace(problem, cables={**problem.cables, cable: replace(run, **held)})  # type: ignore[arg-type]
+
+
 def input_files(problem: Problem) -> list[Path]:
     """Return the files that ``problem`` was read from and still needs."""
     files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
@@ -125,4 +145,36 @@ def left_out(problem: Problem) -> tuple[str, ...]:
         words.append("other cables")
     if not problem.moves:
         words.append("motion")
+    words += [
+        f"where {name} bows to: its shape is one of a family, free to turn about the line through its clamps"
+        for name in problem.cables
+        if turns_about_its_clamps(problem, name)
+    ]
     return tuple(words)
+
+
+def turns_about_its_clamps(problem: Problem, cable: str) -> bool:
+    """Whether the shapes of a slack cable are each one of a family, alike but for a turn about a fixed line.
+
+    A round cable made straight, without weight, whose clamps point along the line through them at some moment: its
+    shape turned about that line is as good a shape, of the same energy.
+    """
+    samples, along = 101, 1e-9  # moments looked at; sine of the angle up to which two directions are one
+    run = problem.cables[cable]
+    weight = run.cable.mass_per_length and any(problem.gravity)
+    ends = (run.start, run.end)
+    if weight or not run.cable.rolls_freely or any(end.position is None or end.frame is None for end in ends):
+        return False
+    at = np.linspace(0.0, 1.0, samples)
+    placed = [problem.poses(end.body, at) for end in ends]
+    moved = [r + rotations.rotate(q, np.asarray(end.position)) for (r, q), end in zip(placed, ends, strict=True)]
+    gap: Array = moved[1] - moved[0]
+    distance = np.linalg.norm(gap, axis=1)
+    coaxial = distance < run.cable.length * (1.0 - along)
+    start, end = (
+        rotations.tangent(rotations.multiply(q, one.frame))  # type: ignore[arg-type]
+        for (_, q), one in zip(placed, ends, strict=True)
+    )
+    coaxial &= np.linalg.norm(np.cross(start, gap), axis=1) <= along * run.cable.length
+    coaxial &= np.linalg.norm(end - start, axis=1) <= along
+    return bool(np.any(coaxial))

@@ -59,13 +59,12 @@ class Tolerance:
     @classmethod
     def normal(cls, deviation: float, *, percent: bool = False, nominal: float | None = None) -> Tolerance:
         """Return a normal distribution of standard ``deviation``, cut off at four of them."""
-        # standard deviations at which a normal distribution that states no tolerance ends: one value in 16,000
-        normal_cut = 4.0
+        normal_cut = 4.0  # standard deviations at which one that states no tolerance ends: one value in 16,000
         return cls(normal_cut * deviation, percent, "normal", deviation, nominal)
 
     @classmethod
     def between(cls, lower: float, upper: float) -> Tolerance:
-        """Return a uniform distribution from ``lower`` to ``upper``."""
+        """Return a uniform distribution from ``lower`` to ``upper``; raises ProblemError unless ``lower`` is less."""
         if not lower < upper:
             raise ProblemError(f"from, to: found {lower!r} and {upper!r}, expected the first below the second")
         return cls(0.5 * (upper - lower), nominal=0.5 * (lower + upper))
@@ -73,8 +72,7 @@ class Tolerance:
     @property
     def _deviation(self) -> float:
         """Standard deviation of the normal distribution before it is cut, in half tolerances."""
-        # standard deviations in the tolerance of one that states no deviation: one value in 370 is not built
-        stated_deviations = 3.0
+        stated_deviations = 3.0  # standard deviations in the tolerance where none is stated: one value in 370 is lost
         return 1.0 / stated_deviations if self.deviation is None else self.deviation / self.plus_minus
 
     def offsets(self, probability: Array) -> Array:

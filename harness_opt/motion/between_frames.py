@@ -14,21 +14,25 @@ from numpy.typing import NDArray
 
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.results import CableMotion, Motion, Quantities
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.frames import Frames, batch
-from harness_opt.motion.sweep import TOLERANCE, accurate, start_positions
+from harness_opt.motion.sweep import MOTION_TOLERANCE, accurate, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.numerics.vectors import Indices
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Kind, case
+from harness_opt.rod.boundary import Kind
 from harness_opt.rod.stability import stability, surely_stable
 from harness_opt.rod.states import Rod
-from harness_opt.statics.continuation import NEAR, STEP_ITERATIONS, turning
-from harness_opt.statics.mesh import ELEMENTS
+from harness_opt.statics.continuation import MOST_TURNING, STEP_ITERATIONS, turning
 from harness_opt.statics.solve import Solved, resample, solve_on
 
 SOLVER = "gauss-newton"
+# why a shape between two frames is none that can be used
+ELSEWHERE = "the shape there is not near that of the frames around it"
+INEXACT = "the shape there could not be found as exactly as those of the frames"
+UNSTABLE = "the shape there is not stable"
 
 
 class BetweenFrames:
@@ -39,58 +43,59 @@ class BetweenFrames:
         tolerance: of the centreline, in lengths of the cable.
     """
 
-    def __init__(self, motion: Motion, tolerance: float = TOLERANCE):
+    def __init__(self, motion: Motion, tolerance: float = MOTION_TOLERANCE):
         self._motion, self._tolerance = motion, tolerance
-        self._meshes: dict[str, Array] = {}
+        self._meshes = {name: shapes.mesh for name, shapes in motion.cables.items()}
 
     @one_thread
-    def __call__(self, cable: str, values: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return positions (k, N, 3), m, quaternions (k, N, 4) and whether they were found (k,).
+    def __call__(self, cable: str, values: Array) -> tuple[Quantities, tuple[str, ...]]:
+        """Return the shapes found at motion values (k,), and why none was, for each; empty where one was.
 
         Args:
             cable: its name.
             values: motion values (k,), from the first frame's to the last one's.
         """
-        problem, shapes, frames = self._motion.problem, self._motion.cables[cable], self._motion.motion
+        problem, shapes, frames = self._motion.held(cable), self._motion.cables[cable], self._motion.motion
         before = np.clip(np.searchsorted(frames, values, side="right") - 1, 0, len(frames) - 2)
-        position, quaternion = shapes.position[before], shapes.quaternion[before]
         if _rests(problem, cable):
-            return position, quaternion, np.ones(len(values), dtype=bool)
+            return shapes.at_frames(before), ("",) * len(values)
         ends = problem.ends(cable, values)
         share = (values - frames[before]) / (frames[before + 1] - frames[before])
+        why = [""] * len(values)
         solves = self._solves(cable, ends, before, share)
-        found = np.array([solved is not None for solved in solves], dtype=bool)
-        solved = [one for one in solves if one is not None]
-        if solved:
-            between, errors = accurate(Frames(solved), self._tolerance, SOLVER)
-            rods = batch(between)
-            self._meshes[cable] = rods.mesh
-            units = rod_module.scale(problem.cables[cable].cable)[1]
-            samples = rods.sample(shapes.s / units.length)
-            kept = [end for end, ok in zip(ends, found, strict=True) if ok]
-            origins = start_positions(kept, samples.r[:, -1], units)
-            position[found] = origins[:, None] + units.length * samples.r
-            quaternion[found] = samples.q
-            found[found] = (errors <= self._tolerance) & _stable(rods, between[0].case.boundary.kind)
-        return position, quaternion, found
+        tried = [k for k, solved in enumerate(solves) if solved is not None]
+        for k in set(range(len(values))) - set(tried):
+            why[k] = ELSEWHERE
+        if not tried:
+            return shapes.at_frames(before[:0]), tuple(why)
+        between, errors = accurate(Frames(solved for solved in solves if solved is not None), self._tolerance, SOLVER)
+        rods = batch(between)
+        self._meshes[cable] = rods.mesh
+        stable = _stable(rods, between[0].case.boundary.kind)
+        for k, error, holds in zip(tried, errors, stable, strict=True):
+            why[k] = "" if holds and error <= self._tolerance else INEXACT if holds else UNSTABLE
+        units = rod_module.scale(problem.cables[cable].cable)[1]
+        samples = rods.sample(shapes.s / units.length)
+        origins = start_positions([ends[k] for k in tried], samples.r[:, -1], units)
+        whole = samples.in_si(shapes.s, units, origins)
+        return whole.at_frames(np.flatnonzero([not why[k] for k in tried])), tuple(why)
 
     def _solves(
         self, cable: str, ends: Sequence[tuple[End, End]], before: Indices, share: Array
     ) -> list[Solved | None]:
         """Solve at the shares (k,) of the ways from frames (k,) to the next; None where that leads elsewhere."""
         problem, shapes = self._motion.problem, self._motion.cables[cable]
-        run, gravity = problem.cables[cable], np.asarray(problem.gravity)
+        cases = CableCases(problem, cable, SOLVER)
         used = np.union1d(before, before + 1)
-        rods = _rods(problem, cable, shapes, used)
-        mesh = self._meshes.get(cable, np.linspace(0.0, 1.0, ELEMENTS[0] + 1))
+        rods, mesh = _rods(problem, cable, shapes, used), self._meshes[cable]
         unknowns = resample(rods, mesh)
         solves: list[Solved | None] = []
         for pair, k, part in zip(ends, np.searchsorted(used, before), share, strict=True):
-            posed = case(run.cable, *pair, gravity).signed_like(rods.q[k, 0], rods.q[k, -1])
+            posed = cases.posed(pair, None).signed_like(rods.q[k, 0], rods.q[k, -1])
             guess = unknowns[k] + part * (unknowns[k + 1] - unknowns[k])
             solved = solve_on(posed, mesh, guess, SOLVER, STEP_ITERATIONS)
             near = solved.ok and not solved.turned
-            near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= NEAR
+            near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= MOST_TURNING
             solves.append(solved if near else None)
         return solves
 

@@ -2,29 +2,69 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
 
 from harness_opt.model.cable import End
-from harness_opt.model.problem import Problem
-from harness_opt.rod.boundary import Case, case
+from harness_opt.model.problem import Problem, held_as
+from harness_opt.rod.boundary import HELD, Case, case
+from harness_opt.rod.link import twist
+from harness_opt.rod.states import Rod
+from harness_opt.statics.cold_start import cold_start, wound_curve
 from harness_opt.statics.continuation import follow
+from harness_opt.statics.fitting import Fitted, clamped, fit
 from harness_opt.statics.solve import Solved
 
 
 class CableCases:
-    """The dimensionless cases of one cable along the motion.
+    """The dimensionless cases of one cable along the motion, its untwisted end fitted.
 
     Args:
         problem: the problem.
         name: of the cable.
         solver: name of the one that shapes are continued by.
+        near: a fit of a like cable to start from.
+        first: a shape of the first frame that the rolls are to be taken from, where the cable is fitted there.
     """
 
-    def __init__(self, problem: Problem, name: str, solver: str):
+    def __init__(self, problem: Problem, name: str, solver: str, near: Fitted | None = None, first: Rod | None = None):
         self.problem, self.name, self.solver = problem, name, solver
         self.run, self._gravity = problem.cables[name], np.asarray(problem.gravity)
+        self.fitted: Fitted | None = None
+        if self.run.untwisted is None:
+            self.problem = dataclasses.replace(problem, cables={**problem.cables, name: self.run.to_fit})
+            return
+        if first is not None and self.run.fitted_at == 0.0:
+            frames = (first.q[0], first.q[-1])
+        else:
+            to_fit = dataclasses.replace(problem, cables={name: self.run.to_fit})
+            placed = to_fit.ends(name, [self.run.fitted_at])[0]
+            self.fitted = fit(self.run, placed, self._gravity, solver, near.solved if near else None)
+            if self.fitted is None:
+                return
+            frames = self.fitted.frames
+        self.problem = held_as(problem, name, self.run.fitted_at, frames)
+
+    @property
+    def unfitted(self) -> bool:
+        """Whether no shape was found to fit the cable in."""
+        return self.run.untwisted is not None and self.problem.cables[self.name].untwisted is not None
+
+    def from_ends(self, at: float) -> Solved | None:
+        """Return a shape at motion value ``at`` found from the ends alone; None where there is none."""
+        bow = None if self.run.bow is None else np.asarray(self.run.bow)
+        posed = self.posed(self.problem.ends(self.name, [at])[0], None)
+        return cold_start(posed, int(self.problem.cables[self.name].end.turns), bow, self.solver)
+
+    def as_fitted(self) -> Solved | None:
+        """Return the shape where the cable was fitted, its ends held; None where there is none, or nothing to fit."""
+        if self.fitted is None:
+            return None
+        posed = self.posed(self.problem.ends(self.name, [self.run.fitted_at])[0], None)
+        return clamped(posed, self.fitted, self.solver)
 
     def posed(self, ends: tuple[End, End], near: Case | None) -> Case:
         """Return the case of ``ends``, its quaternions signed like those of ``near``."""
@@ -43,3 +83,20 @@ class CableCases:
         Arguments and results as of :func:`harness_opt.statics.continuation.follow`.
         """
         return follow(self.path(start.case), start, first, last, self.solver, smallest)
+
+
+def clamp_twist(problem: Problem, name: str) -> float | None:
+    """Return the twist, rad, that the clamps build into a cable; None where they leave it none to keep.
+
+    Of a cable that is fitted untwisted, what its ends are turned by afterwards. Else what joins the clamps along the
+    curve that the first shape is looked for from: nothing is solved for it.
+    """
+    run = problem.cables[name]
+    if run.untwisted is not None:
+        return 2.0 * math.pi * run.turned_in
+    fixed = dataclasses.replace(problem, cables={name: run.to_fit})
+    posed = case(run.cable, *fixed.ends(name, [0.0])[0], np.asarray(problem.gravity))
+    if not posed.boundary.kind.start_held == posed.boundary.kind.end_held == HELD:
+        return None
+    bow = posed.load if run.bow is None and np.any(posed.load) else run.bow
+    return 2.0 * math.pi * twist(wound_curve(posed, int(run.end.turns), None if bow is None else np.asarray(bow)).q)

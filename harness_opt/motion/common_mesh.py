@@ -12,7 +12,7 @@ import numpy as np
 
 from harness_opt.motion.frames import Frames, Stretches
 from harness_opt.numerics.rotations import Array
-from harness_opt.statics.continuation import NEAR, turning
+from harness_opt.statics.continuation import MOST_TURNING, turning
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, refine, refined_mesh
 from harness_opt.statics.solve import STAGES, Solved, error_estimate, resample, solve_on
 
@@ -23,7 +23,7 @@ def on_mesh(solved: Solved, mesh: Array, solver: str) -> Solved | None:
     again = solve_on(solved.case, mesh, resample(solved.rod, mesh), solver)
     if not again.ok or again.turned:
         return None
-    if turning(again.rod.q, solved.rod.sample(mesh).q) > NEAR:
+    if turning(again.rod.q, solved.rod.sample(mesh).q) > MOST_TURNING:
         level = float(solved.rod.energy())
         if not abs(float(again.rod.energy()) - level) <= same_energy * (1.0 + abs(level)):
             return None

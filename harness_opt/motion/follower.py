@@ -11,19 +11,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.problem import Problem
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import coarsened, on_mesh
-from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh
-from harness_opt.motion.snaps import recover
+from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh, estimates
+from harness_opt.motion.snaps import first_shape, recover
 from harness_opt.numerics.rotations import Array
+from harness_opt.rod.neutral_family import angle_between, line_of, turned
 from harness_opt.rod.stability import doubt, doubtful, stability, surely_stable
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.continuation import step
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
 from harness_opt.statics.release import is_stable
-from harness_opt.statics.solve import Solved, error_estimate, error_from_defects, resample, solve_on
+from harness_opt.statics.solve import Solved, error_estimate, resample, solve_on
 
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
 
@@ -34,23 +33,20 @@ class CableFollower:
     """Follows one cable along the motion.
 
     Args:
-        problem: the problem.
-        name: of the cable.
+        cases: of the cable.
         motion: values of the frames, (P,), no two neighbours equal.
-        solver: name.
         elements: least number of elements; 0 leaves it to the shape.
         progress: called with the cable's name, frames done, frames in all.
     """
 
-    def __init__(
-        self, problem: Problem, name: str, motion: Array, solver: str, elements: int, progress: Progress | None
-    ):
-        self.problem, self.name, self.motion = problem, name, motion
-        self.solver, self.elements, self.progress = solver, elements, progress
-        self.cases = CableCases(problem, name, solver)
-        self.ends = problem.ends(name, motion)
+    def __init__(self, cases: CableCases, motion: Array, elements: int, progress: Progress | None):
+        self.problem, self.name, self.motion = cases.problem, cases.name, motion
+        self.solver, self.elements, self.progress = cases.solver, elements, progress
+        self.cases = cases
+        self.ends = cases.problem.ends(cases.name, motion)
         self.frames = self._no_frames()
-        self.snaps: list[tuple[int, float]] = []
+        self.snaps: list[tuple[int, float, bool]] = []
+        self.begins_through_itself = False
         self._errors: list[float] = []  # estimated, in L, of the first frames: those known to be resolved by their mesh
         self._meshes = 0  # that were made finer for the frames on them
 
@@ -67,10 +63,9 @@ class CableFollower:
         most_meshes = 40  # that were too coarse, in one motion
         checked, total = 0, len(self.motion)
         given: Sequence[Solved | None] = guesses or [None] * total
-        begin = self._refined(self._start(first, given[0]))
-        if begin is None:
-            return Status.NO_START, self.failure(0, "no shape joins its two ends there")
-        self.frames.append(begin)
+        failed = self._begin(first, given[0])
+        if failed is not None:
+            return failed
         while self.frames and self._meshes <= most_meshes:
             lost, why = None, "the shape was lost and no stable one found again"
             while len(self.frames) < total and not (check and len(self.frames) - checked >= BATCH):
@@ -94,6 +89,8 @@ class CableFollower:
                 recovered = self._recover(lost)
                 if recovered is None:
                     return Status.STEP_TOO_SMALL, self.failure(lost, why)
+                if self._unlinked(lost):
+                    return Status.NOT_WITHOUT_CONTACT, self.failure(lost, Status.NOT_WITHOUT_CONTACT.value)
                 self._append(recovered)
                 checked = len(self.frames)
             elif len(self.frames) == total:
@@ -113,8 +110,28 @@ class CableFollower:
             warm = step(posed, dataclasses.replace(guess, case=posed), None, 0.0, self.solver)
             if warm is not None:
                 return warm
-        bow = None if self.cases.run.bow is None else np.asarray(self.cases.run.bow)
-        return cold_start(self.cases.posed(self.ends[0], None), self.cases.run.end.turns, bow, self.solver)
+        return first_shape(self.cases, float(self.motion[0]))
+
+    def _begin(self, first: Rod | None, guess: Solved | None) -> tuple[Status, str] | None:
+        """Solve the first frame; return why there is none, where that is so."""
+        started = None if self.cases.unfitted else self._start(first, guess)
+        begin = self._refined(started)
+        if started is None or begin is None:
+            return Status.NO_START, self.failure(0, "no shape joins its two ends there")
+        self.begins_through_itself = started.passed
+        if self._unlinked(0):
+            return Status.NOT_WITHOUT_CONTACT, self.failure(0, Status.NOT_WITHOUT_CONTACT.value)
+        self.frames.append(begin)
+        return None
+
+    def _unlinked(self, frame: int) -> bool:
+        """Whether the cable goes through itself on the way to ``frame``, and no limit is there for it to violate."""
+        if self.problem.limits.clearance is not None:
+            return False
+        lost = any(passes and k == frame for k, _, passes in self.snaps) or (frame == 0 and self.begins_through_itself)
+        if lost:
+            self._drop_snaps()
+        return lost
 
     def _refined(self, first: Solved | None) -> Solved | None:
         """Return the first shape resolved, on as many elements as were asked for; None where there is none."""
@@ -159,7 +176,7 @@ class CableFollower:
         """Return frame k of a cable that lost its shape on the way to it, its snaps noted; None in vain."""
         at, target = float(self.motion[k - 1]), float(self.motion[k])
         found = recover(self.cases, self.frames[k - 1], at, target, is_first=k == 1)
-        self.snaps += [(k, where) for where in found.snaps]
+        self.snaps += [(k, where, passes) for where, passes in found.snaps]
         if found.first is not None:
             self.frames, self._errors = self._no_frames(), []
             self._append(found.first)
@@ -169,7 +186,7 @@ class CableFollower:
         """Add a frame; where its mesh is not that of the last one, on as light a one as does."""
         if self.frames and not np.array_equal(solved.bound.mesh, self.frames[-1].bound.mesh):
             solved = coarsened(solved, self.frames[-1], self.elements, self.solver)
-        self.frames.append(solved)
+        self.frames.append(_beside(solved, self.frames[-1]) if self.frames else solved)
 
     def _cut(self, count: int) -> None:
         """Keep the first ``count`` frames alone."""
@@ -179,7 +196,7 @@ class CableFollower:
 
     def _drop_snaps(self) -> None:
         """Forget snaps on the way to frames that are not there any more."""
-        self.snaps = [(frame, at) for frame, at in self.snaps if frame < len(self.frames)]
+        self.snaps = [snap for snap in self.snaps if snap[0] < len(self.frames)]
 
     def _refine_coarse(self) -> bool:
         """Go back to before the first frame that its mesh is too coarse for, on a finer one; return whether there is.
@@ -188,10 +205,7 @@ class CableFollower:
         """
         for frames in by_mesh(self.frames[len(self._errors) :]):
             mesh, local = frames[0].bound.mesh, np.zeros(len(frames[0].bound.mesh) - 1)
-            with np.errstate(over="ignore", invalid="ignore"):
-                defects = batch(frames).defects()
-            for k, frame in enumerate(frames):
-                error, own = error_from_defects(frame, defects.of(k))
+            for error, own in estimates(frames):
                 local = np.maximum(local, own)
                 most = elements_for(len(mesh) - 1, error, own)
                 finer = finer_mesh(mesh, local, error / RESOLVED, np.inf, most) if most else None
@@ -216,8 +230,22 @@ class CableFollower:
         return Stretches(MOST_HELD // len(self.problem.cables))
 
     def failure(self, frame: int, reason: str) -> str:
-        """Return the sentence for the user."""
+        """Return the sentence for the user: at which ``frame`` it ended, and the ``reason``."""
         return (
             f"cable {self.name}, frame {frame} of {len(self.motion)} (motion {self.motion[frame]:.4f}): {reason}; "
             "try a smaller motion.spatial_step, more length, or another bow or number of turns"
         )
+
+
+def _beside(solved: Solved, before: Solved) -> Solved:
+    """Return ``solved``, where it is one of a family that turns about a line, as the member nearest to ``before``."""
+    places = np.linspace(0.0, 1.0, 41)
+    line = line_of(solved.case)
+    if line is None:
+        return solved
+    angle = angle_between(line, solved.rod.sample(places).r, before.rod.sample(places).r)
+    if angle == 0.0:
+        return solved
+    x = turned(solved.bound, solved.solution.x, line, angle)
+    solution = dataclasses.replace(solved.solution, x=x, factor=None)
+    return dataclasses.replace(solved, solution=solution, trail=None)

@@ -116,9 +116,7 @@ class Frames(_Numbered):
         """Return the errors and the largest local errors of a block, once and for all where it is whole."""
         if number < len(self._estimates):
             return self._estimates[number]
-        with np.errstate(over="ignore", invalid="ignore"):
-            defects = batch(frames).defects()
-        found = [error_from_defects(frame, defects.of(k)) for k, frame in enumerate(frames)]
+        found = estimates(frames)
         estimate = np.array([error for error, _ in found]), np.max([local for _, local in found], axis=0)
         if len(frames) == self._block and number == len(self._estimates):
             self._estimates.append(estimate)
@@ -218,6 +216,17 @@ def blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
     count = at_a_time(frames[0])
     for first in range(0, len(frames), count):
         yield batch(frames[first : first + count])
+
+
+def estimates(frames: Sequence[Solved]) -> list[tuple[float, Array]]:
+    """Return the :attr:`Solved.estimate` of ``frames``, which share cable and mesh: those not known yet together."""
+    unknown = [frame for frame in frames if "estimate" not in vars(frame)]
+    if unknown:
+        with np.errstate(over="ignore", invalid="ignore"):
+            defects = batch(unknown).defects()
+        for k, frame in enumerate(unknown):
+            vars(frame)["estimate"] = error_from_defects(frame, defects.of(k))
+    return [frame.estimate for frame in frames]
 
 
 def _bytes_of(factor: Factor) -> int:

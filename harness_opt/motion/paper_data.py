@@ -210,8 +210,8 @@ def disperse(
     if clamp not in ("start", "end"):
         raise ProblemError(f"clamp: found {clamp!r}, expected 'start' or 'end'")
     end: End = getattr(problem.cables[cable], clamp)
-    if end.position is None or end.quaternion is None:
-        free = [name for name in ("position", "quaternion") if getattr(end, name) is None]
+    if end.position is None or end.frame is None:
+        free = [name for name, given in (("position", end.position), ("quaternion", end.frame)) if given is None]
         raise ProblemError(
             f"cables.{cable}.{clamp}: found an end without {' and '.join(free)}, expected both: only a clamp has a path"
         )
@@ -219,7 +219,7 @@ def disperse(
         raise ProblemError("bodies: found none with a motion, expected one: a clamp that stands still has no path")
     position, quaternion = problem.poses(end.body, place_frames(problem, spatial_step))
     position = position + rotations.rotate(quaternion, end.position)
-    return Path(position, rotations.matrix(rotations.multiply(quaternion, end.quaternion)))
+    return Path(position, rotations.matrix(rotations.multiply(quaternion, end.frame)))
 
 
 def profiles(motion: Motion, cable: str) -> tuple[Profile, ...]:
@@ -266,8 +266,7 @@ def _numbers(name: str, value: object, shape: tuple[int, ...], point: str) -> tu
 
 def _improper(rotation: Array, point: str) -> str:
     """Return which of the matrices (M, 3, 3) is the first that is no rotation, and why, or an empty text."""
-    # most that the entries of A^T A may differ from the identity's: matrices typed in full, or computed
-    orthonormal = 1e-9
+    orthonormal = 1e-9  # most that A^T A may differ from the identity: matrices typed in full, or computed
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.max(np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)), axis=(1, 2))
         bad = np.flatnonzero(~((off <= orthonormal) & (np.linalg.det(rotation) > 0)))

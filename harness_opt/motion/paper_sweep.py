@@ -10,17 +10,16 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.cable import CableRun
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Followed
+from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
+from harness_opt.motion.snaps import first_shape
 from harness_opt.motion.sweep import sampled, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.paper_pose import START_SOLVER, Quadrature, QuadratureSolve, solve_by_quadrature
 
 
@@ -43,9 +42,10 @@ def sweep_by_quadrature(
         first: the shape to begin the first frame at; None leaves it to a cold start.
         progress: called with the cable's name, frames done, frames in all.
     """
-    cable, units = problem.cables[name].cable, rod_module.scale(problem.cables[name].cable)[1]
-    ends, gravity = problem.ends(name, motion), np.asarray(problem.gravity)
-    before = first or _first_shape(problem.cables[name], case(cable, *ends[0], gravity))
+    units = rod_module.scale(problem.cables[name].cable)[1]
+    cases = CableCases(problem, name, START_SOLVER, first=first if motion[0] == 0.0 else None)
+    ends = cases.problem.ends(name, motion)
+    before = first or _first_shape(cases, float(motion[0]))
     frames: list[QuadratureSolve] = []
     judged: list[Stability] = []
     status, message = Status.OK, ""
@@ -54,7 +54,7 @@ def sweep_by_quadrature(
     try:
         while status.ok and before is not None and len(frames) < len(motion):
             k = len(frames)
-            posed = case(cable, *ends[k], gravity).signed_like(before.q[0], before.q[-1])
+            posed = cases.posed(ends[k], None).signed_like(before.q[0], before.q[-1])
             answer = solve_by_quadrature(posed, before, options)
             if not answer.status.ok:
                 status = answer.status
@@ -74,7 +74,7 @@ def sweep_by_quadrature(
         return Followed(None, (), status, message)
     origins = start_positions(ends, np.array([frame.rod.r[-1] for frame in frames]), units)
     shapes = CableMotion(
-        **vars(sampled((frame.rod for frame in frames), origins, units)),
+        **vars(sampled([frame.rod for frame in frames], origins, units, np.linspace(0.0, 1.0, STATIONS))),
         stable=np.array([bool(one.stable) for one in judged]),
         stability_margin=np.array([float(one.margin) for one in judged]),
         residual=np.array([frame.residual for frame in frames]),
@@ -83,8 +83,7 @@ def sweep_by_quadrature(
     return Followed(shapes, (), status, message)
 
 
-def _first_shape(run: CableRun, posed: Case) -> Rod | None:
-    """Return the shape of a cold start; None where there is none."""
-    bow = None if run.bow is None else np.asarray(run.bow)
-    solved = cold_start(posed, run.end.turns, bow, START_SOLVER)
-    return solved.rod if solved is not None and solved.ok else None
+def _first_shape(cases: CableCases, at: float) -> Rod | None:
+    """Return the shape of a cold start with the turns asked for; None where there is none."""
+    solved = first_shape(cases, at)
+    return solved.rod if solved is not None and solved.ok and not solved.passed else None

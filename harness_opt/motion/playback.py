@@ -172,9 +172,10 @@ def _exact(motion: Motion, cable: str, values: Array, here: _Place) -> tuple[Arr
     turn, shift = (
         (1.0 - w[..., None]) * a + w[..., None] * b for a, b in zip(_pieces(*before), _pieces(*after), strict=True)
     )
-    ends = motion.problem.ends(cable, values)
-    origin, frame = _given([start for start, _ in ends], base[:, 0], length)
-    goal, goal_frame = _given([end for _, end in ends], base[:, 0], length)
+    ends = motion.held(cable).ends(cable, values)
+    blends = [rotations.slerp(before[0][:, node], after[0][:, node], w) for node in (0, -1)]
+    origin, frame = _given([start for start, _ in ends], base[:, 0], length, blends[0])
+    goal, goal_frame = _given([end for _, end in ends], base[:, 0], length, blends[1])
     clamps = _Clamps(origin is None, frame is None, goal, goal_frame)
     if origin is None:
         origin = w * after[1][:, 0]  # from that of the frame before, which is 0
@@ -192,11 +193,18 @@ def _exact(motion: Motion, cable: str, values: Array, here: _Place) -> tuple[Arr
     return base + length * r, a
 
 
-def _given(ends: list[End], base: Array, length: float) -> tuple[Array | None, Array | None]:
-    """Return positions (T, 3), from ``base`` and in ``length``, and frames (T, 3, 3) of ``ends``, None where free."""
+def _given(ends: list[End], base: Array, length: float, blend: Array) -> tuple[Array | None, Array | None]:
+    """Return positions (T, 3), from ``base`` and in ``length``, and frames (T, 3, 3) of ``ends``, None where free.
+
+    A swivel has the roll of the blended frames (T, 4).
+    """
     position = None if ends[0].position is None else (np.array([end.position for end in ends]) - base) / length
-    frame = None if ends[0].quaternion is None else rotations.matrix(np.array([end.quaternion for end in ends]))
-    return position, frame
+    if ends[0].quaternion is None:
+        return position, None
+    q = np.array([end.quaternion for end in ends])
+    if ends[0].swivel:
+        q = rotations.multiply(rotations.shortest_arc(rotations.tangent(blend), rotations.tangent(q)), blend)
+    return position, rotations.matrix(q)
 
 
 def _coefficients(turn: Array) -> tuple[Array, Array, Array]:

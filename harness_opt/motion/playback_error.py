@@ -75,7 +75,7 @@ def _compared(shown: tuple[Array, Array], truth: tuple[Array, Array], times: Arr
     distance = np.linalg.norm(shown[0] - truth[0], axis=2)
     ends = {0: run.start, -1: run.end}
     clamped = [node for node, end in ends.items() if end.position is not None]
-    turned = [node for node, end in ends.items() if end.quaternion is not None]
+    turned = [node for node, end in ends.items() if end.frame is not None and not end.has_open_roll]
     # |A - B| in the Frobenius norm is sqrt(8) times the sine of half the angle between them
     sine = np.linalg.norm(shown[1][:, turned] - truth[1][:, turned], axis=(2, 3)) / np.sqrt(8.0)
     return DisplayError(

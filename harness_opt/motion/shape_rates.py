@@ -12,10 +12,12 @@ import numpy as np
 
 from harness_opt.model.design_variables import ClampRates
 from harness_opt.motion.sweep import Sweep
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Boundary
 from harness_opt.rod.equations import Section
 from harness_opt.rod.states import Rod
+from harness_opt.statics.fitting import own_turns, turned
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,34 @@ class _NodeRates:
     unknowns: Array
 
 
+def _held_turns(swept: Sweep, clamps: ClampRates) -> tuple[Array, Array]:
+    """Return the rates of the frames that the ends are held in, each (3, k), with those of a roll that was fitted.
+
+    The fit is an equilibrium like any other: its unknowns follow the design by the same formula, and with them the
+    frame of the end that turned freely.
+    """
+    turns = {"start": clamps.start_turn, "end": clamps.end_turn}
+    if swept.fitted is not None and clamps.fitted is not None:
+        fitted, there = swept.fitted, clamps.fitted
+        side, solved, units = fitted.run.untwisted, fitted.solved, swept.units
+        longer = there.length / units.length
+        x, boundary = solved.solution.x, solved.case.boundary
+        change = solved.bound.rates(
+            x, gap=(there.end[0] - there.start[0]) / units.length - np.outer(boundary.gap, longer),
+            start_turn=there.start_turn, end_turn=there.end_turn,
+            rest=np.outer(solved.case.section.rest_curvature, longer), load=np.outer(solved.case.load, 3.0 * longer),
+            loads=_applied_rates(boundary, there, units.length),
+        )  # fmt: skip
+        dx = -solved.factor.solve(change)
+        frames = solved.bound.quaternions(x)[[0, -1]]
+        node = 0 if side == "start" else -1
+        moved = dx[solved.bound.transcription.quaternions[node]]
+        own = 2.0 * rotations.multiply(rotations.conjugate(frames[node]), moved.T)[:, 1:]
+        on = turned(np.array(rotations.IDENTITY), own_turns(getattr(fitted.run, str(side))))
+        turns[str(side)] = turns[str(side)] + rotations.rotate(rotations.conjugate(on), own).T
+    return turns["start"], turns["end"]
+
+
 def _node_rates(swept: Sweep, clamps: ClampRates, exact: bool) -> _NodeRates:
     first = swept.frames[0].case
     units, count = swept.units, len(clamps.length)
@@ -59,12 +89,13 @@ def _node_rates(swept: Sweep, clamps: ClampRates, exact: bool) -> _NodeRates:
     # f L^3 / B and omega_rest L grow with the length
     rest = np.outer(first.section.rest_curvature, longer)
     load = np.outer(first.load, 3.0 * longer)
+    start_turn, end_turn = _held_turns(swept, clamps)
     q, r, force, moment, unknowns = [], [], [], [], []
     for k, frame in enumerate(swept.frames):
         bound, x = frame.bound, frame.solution.x
         gap = (clamps.end[k] - clamps.start[k]) / units.length - np.outer(bound.boundary.gap, longer)
         change = bound.rates(
-            x, gap=gap, start_turn=clamps.start_turn, end_turn=clamps.end_turn, rest=rest, load=load,
+            x, gap=gap, start_turn=start_turn, end_turn=end_turn, rest=rest, load=load,
             loads=_applied_rates(bound.boundary, clamps, units.length),
         )  # fmt: skip
         left_behind = None if exact else frame.solution.factor

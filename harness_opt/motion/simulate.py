@@ -18,7 +18,7 @@ from harness_opt.model.results import Followed, Motion, Snap
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.paper_sweep import sweep_by_quadrature
 from harness_opt.motion.path import given_frames, place_frames
-from harness_opt.motion.sweep import TOLERANCE, followed, sweep
+from harness_opt.motion.sweep import MOTION_TOLERANCE, followed, sweep
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.states import Rod
@@ -33,7 +33,7 @@ def simulate(  # noqa: PLR0913
     spatial_step: float | None = None,
     frames: ArrayLike | None = None,
     elements: int | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MOTION_TOLERANCE,
     solver: str = "gauss-newton",
     transcription: str = "collocation",
     points: int | None = None,
@@ -107,11 +107,18 @@ def _first_shapes(problem: Problem, first: Mapping[str, Shape] | None) -> dict[s
 
 
 def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], seconds: float) -> Motion:
-    """Return the motion that ``cables`` hold, cut to the frames that all cables with any frame have."""
+    """Return the motion that ``cables`` hold, cut to the frames that all cables with any frame have.
+
+    Args:
+        problem: what was simulated.
+        motion: values of the frames asked for, (P,).
+        cables: each as far as it could be followed, by name.
+        seconds: that it took.
+    """
     solved = {name: found.shapes for name, found in cables.items() if found.shapes is not None}
     frames = min((len(shapes.position) for shapes in solved.values()), default=0)
     failed = [found for found in cables.values() if not found.status.ok]
-    snaps = [Snap(name, k, at) for name, found in cables.items() for k, at in found.snaps if k < frames]
+    snaps = [Snap(name, *snap) for name, found in cables.items() for snap in found.snaps if snap[0] < frames]
     return Motion(
         problem,
         motion[:frames],
@@ -119,6 +126,7 @@ def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], sec
         failed[0].status if failed else Status.OK,
         "; ".join(found.message for found in failed),
         tuple(snaps),
+        tuple(name for name, found in cables.items() if found.begins_through_itself),
         left_out(problem),
         {"solve": seconds},
     )

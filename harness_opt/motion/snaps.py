@@ -6,11 +6,13 @@ does not depend on where the frames are.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
 from harness_opt.motion.cases import CableCases
+from harness_opt.rod.link import links_of, turns_lost
 from harness_opt.statics.continuation import turning
 from harness_opt.statics.mesh import refine
 from harness_opt.statics.release import is_stable, release
@@ -25,12 +27,12 @@ class Recovery:
 
     Args:
         solved: its shape at the frame that was sought; None where it could not be found.
-        snaps: motion values of its jumps on the way.
+        snaps: motion value of each jump on the way, and whether the cable goes through itself there.
         first: the shape that the first frame has to have for it, where that one may turn freely; else None.
     """
 
     solved: Solved | None
-    snaps: tuple[float, ...]
+    snaps: tuple[tuple[float, bool], ...]
     first: Solved | None
 
 
@@ -49,7 +51,7 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
     most_losses = 8  # between two frames
     jump = 0.2  # rad, largest turning of a section at the place of a loss above which it is a snap
     first, start, turned = here, at, None
-    snaps = list[float]()
+    snaps = list[tuple[float, bool]]()
     for _ in range(most_losses):
         here, at, beyond = _last_stable(cases, here, at, target)
         released, where = _released(cases, here, beyond, target)
@@ -58,7 +60,7 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
         if turning(released.rod.sample(here.rod.mesh).q, here.rod.q) > jump:
             member = _turned_first(cases, (turned or first, start), released, where) if is_first else None
             if member is None:
-                snaps.append(beyond)
+                snaps.append((beyond, _passes(here, released)))
             else:
                 turned = member
         solved, reached = cases.follow(released, where, target)
@@ -66,6 +68,31 @@ def recover(cases: CableCases, here: Solved, at: float, target: float, *, is_fir
             return Recovery(solved, tuple(snaps), turned)
         here, at = released, where
     return Recovery(None, tuple(snaps), turned)
+
+
+def first_shape(cases: CableCases, at: float) -> Solved | None:
+    """Return the shape at motion value ``at`` that a motion begins with; None where none is found.
+
+    A cable that was fitted somewhere is moved from there, over snaps if need be.
+    """
+    if cases.unfitted:
+        return None
+    if cases.fitted is None:
+        return cases.from_ends(at)
+    fitted_at, begun = cases.run.fitted_at, cases.as_fitted()
+    if begun is None or at == fitted_at:
+        return begun
+    there, reached = cases.follow(begun, fitted_at, at)
+    if reached == at and is_stable(there, cases.solver):
+        return dataclasses.replace(there, passed=begun.passed)
+    found = recover(cases, begun, fitted_at, at, is_first=False)
+    passed = begun.passed or any(passes for _, passes in found.snaps)
+    return None if found.solved is None else dataclasses.replace(found.solved, passed=passed)
+
+
+def _passes(before: Solved, after: Solved) -> bool:
+    """Whether the turns of a shape are not those of the one before: the cable would have to go through itself."""
+    return bool(turns_lost(after.case.boundary.kind, links_of(before.rod), links_of(after.rod)))
 
 
 def _last_stable(cases: CableCases, here: Solved, at: float, target: float) -> tuple[Solved, float, float]:

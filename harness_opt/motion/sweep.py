@@ -5,7 +5,7 @@ Each shape starts from the last ones; a cable that loses its shape is released t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,7 +14,8 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities
+from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities, cubic_errors
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import CableFollower, Progress
 from harness_opt.motion.frames import Frames, batch, blocks
@@ -23,13 +24,13 @@ from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
 from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.corrections import solve_along_near_null
+from harness_opt.statics.fitting import Fitted
 from harness_opt.statics.mesh import finer_mesh
-from harness_opt.statics.solve import Solved, resample, solve_on
+from harness_opt.statics.solve import Solved, resample, solve_along_near_null, solve_on
 
 Rigour = Literal["full", "stable", "quick look"]
 
-TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
+MOTION_TOLERANCE = 1e-7  # of the centreline over a motion, in lengths of the cable
 
 
 @dataclass(frozen=True)
@@ -39,21 +40,26 @@ class Sweep:
     Args:
         frames: a solve each, all on one mesh; fewer than asked where ``status`` says so.
         origins: world position of the cable's start, (P, 3), m.
-        units: of the cable.
+        units, diameter: of the cable, m.
         stability: of the frames, batched.
         errors: estimated, (P,), in lengths of the cable.
-        snaps: (frame, motion) of each jump.
+        snaps: (frame, motion, whether the cable goes through itself) of each jump.
         status, message: why the sweep ended early; OK and empty otherwise.
+        fitted: the cable as it was fitted, where the roll of an end was found so.
+        begins_through_itself: as of :class:`~harness_opt.model.results.Followed`.
     """
 
     frames: Sequence[Solved]
     origins: Array
     units: Units
+    diameter: float
     stability: Stability
     errors: Array
-    snaps: tuple[tuple[int, float], ...]
+    snaps: tuple[tuple[int, float, bool], ...]
     status: Status
     message: str
+    fitted: Fitted | None = None
+    begins_through_itself: bool = False
 
     @property
     def rod(self) -> Rod:
@@ -77,16 +83,17 @@ def start_positions(ends: Sequence[tuple[End, End]], last: Array, units: Units) 
     )
 
 
-def sweep(
+def sweep(  # noqa: PLR0913
     problem: Problem,
     name: str,
     motion: Array,
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MOTION_TOLERANCE,
     solver: str = "gauss-newton",
     elements: int | None = None,
     first: Rod | None = None,
     guesses: Sequence[Solved | None] | None = None,
+    near: Fitted | None = None,
     rigour: Rigour = "full",
     progress: Progress | None = None,
 ) -> Sweep:
@@ -102,12 +109,14 @@ def sweep(
         elements: least number of elements; None leaves it to the tolerance.
         first: the shape of the first frame, of a like cable; None leaves it to a cold start.
         guesses: solves of a like motion to start from, one a frame or None.
+        near: a fit of a like cable to start from, for the roll of an untwisted end.
         rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
             the same; "quick look" leaves out stability and accuracy both.
         progress: called with the cable's name, frames done, frames in all.
     """
     quick_look = rigour == "quick look"
-    follower = CableFollower(problem, name, motion, solver, elements or 0, progress)
+    cases = CableCases(problem, name, solver, near, first if motion[0] == 0.0 else None)
+    follower = CableFollower(cases, motion, elements or 0, progress)
     try:
         status, message = follower.run_all(first, guesses, check=not quick_look)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept
@@ -115,10 +124,11 @@ def sweep(
     frames = on_one_mesh(follower.frames, solver)
     if len(frames) < len(follower.frames):
         status, message = Status.STEP_TOO_SMALL, follower.failure(len(frames), "no mesh serves for all frames")
-    units = rod_module.scale(problem.cables[name].cable)[1]
+    cable = problem.cables[name].cable
+    units = rod_module.scale(cable)[1]
     if not frames:
         empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
-        return Sweep(frames, np.zeros((0, 3)), units, empty, np.zeros(0), (), status, message)
+        return Sweep(frames, np.zeros((0, 3)), units, cable.diameter, empty, np.zeros(0), (), status, message)
     errors = np.full(len(frames), np.nan)
     if not quick_look:
         frames, errors = accurate(frames, tolerance, solver)
@@ -134,7 +144,10 @@ def sweep(
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
     origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
-    return Sweep(frames, origins, units, answer, errors, tuple(follower.snaps), status, message)
+    return Sweep(
+        frames, origins, units, cable.diameter, answer, errors, tuple(follower.snaps), status, message, cases.fitted,
+        follower.begins_through_itself,
+    )  # fmt: skip
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:
@@ -177,38 +190,76 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
         frames = again
 
 
-def sampled(rods: Iterable[Rod], origins: Array, units: Units, stations: int = STATIONS) -> Quantities:
-    """Return the quantities at equally spaced stations, with a leading axis of P frames.
+def sampled(rods: Iterable[Rod], origins: Array, units: Units, shares: Array) -> Quantities:
+    """Return the quantities at stations, with a leading axis of P frames.
 
     Args:
         rods: the shapes of the frames in turn, one or many of them a rod.
         origins: world positions of the cable's start, (P, 3), m.
         units: of the cable.
-        stations: their number N.
+        shares: of the length at which the stations stand, (N,).
     """
-    s, shape = np.linspace(0.0, 1.0, stations), (len(origins), stations)
+    shape = (len(origins), len(shares))
     vectors = {name: np.empty((*shape, 3)) for name in ("position", "curvature", "force", "moment")}
-    whole, first = Quantities(s=s * units.length, quaternion=np.empty((*shape, 4)), **vectors), 0
+    whole, first = Quantities(s=shares * units.length, quaternion=np.empty((*shape, 4)), **vectors), 0
     for rod in rods:  # into their places block by block: all frames are not there twice
         some = slice(first, first + (len(rod.q) if rod.q.ndim == 3 else 1))
-        block = rod.sample(s).in_si(whole.s, units, origins[some])
+        block = rod.sample(shares).in_si(whole.s, units, origins[some])
         for name in (*vectors, "quaternion"):
             getattr(whole, name)[some] = getattr(block, name)
         first = some.stop
     return whole
 
 
-def cable_motion(swept: Sweep, stations: int = STATIONS) -> CableMotion:
-    """Return the plain arrays of a sweep at equally spaced stations."""
+def well_sampled(sample: Callable[[Array], Quantities], diameter: float, stations: int = STATIONS) -> Quantities:
+    """Return what ``sample`` gives at stations so dense that cubics between them are as good as the curve.
+
+    They are equally spaced where that will do, and denser where a shape turns: in the layer at a clamp that a heavy or
+    taut cable bends in, and in curls. A cubic's error falls with the fourth power of the spacing.
+
+    Args:
+        sample: gives the quantities at shares (N,) of the length.
+        diameter: of the cable, m: cubics are asked to be within a thousandth of it, a tenth of what clearances are
+            wanted to.
+        stations: least number.
+    """
+    close_enough, rounds, most = 1e-3 * diameter, 4, 4 * stations
+    shares = np.linspace(0.0, 1.0, stations)
+    found = sample(shares)
+    for _ in range(rounds):
+        error = cubic_errors(found)
+        parts = np.ceil((np.maximum(error, close_enough) / close_enough) ** 0.25 - 1e-9).astype(int)
+        if np.all(parts == 1) or len(shares) >= most:
+            break
+        steps = [np.arange(1, n + 1) / n for n in parts]
+        within = [low + step * (high - low) for low, high, step in zip(shares[:-1], shares[1:], steps, strict=True)]
+        shares = np.concatenate([[0.0], *within])
+        found = sample(shares)
+    return found
+
+
+def cable_motion(swept: Sweep, shares: Array | None = None) -> CableMotion:
+    """Return the plain arrays of a sweep.
+
+    Args:
+        swept: the sweep.
+        shares: of the length at which the stations stand, (N,); None puts them as :func:`well_sampled` does.
+    """
+
+    def sample(shares: Array) -> Quantities:
+        return sampled(blocks(swept.frames), swept.origins, swept.units, shares)
+
     return CableMotion(
-        **vars(sampled(blocks(swept.frames), swept.origins, swept.units, stations)),
+        **vars(well_sampled(sample, swept.diameter) if shares is None else sample(shares)),
         stable=swept.stability.index == 0,
         stability_margin=swept.stability.margin,
         residual=np.array([frame.solution.residual for frame in swept.frames]),
         estimated_error=swept.errors,
+        mesh=swept.frames[0].bound.mesh,
     )
 
 
 def followed(swept: Sweep) -> Followed:
     """Return the plain results of a sweep."""
-    return Followed(cable_motion(swept) if swept.frames else None, swept.snaps, swept.status, swept.message)
+    shapes = cable_motion(swept) if swept.frames else None
+    return Followed(shapes, swept.snaps, swept.status, swept.message, swept.begins_through_itself)

@@ -93,8 +93,7 @@ class _Minimiser:
 
     def allowed_miss(self, size: float) -> float:
         """Return how much of the constraints a step of this size (rad) may leave to the next one."""
-        # of the square of a step (what is left to the next one), up to which they may be missed after it
-        square_left = 0.1
+        square_left = 0.1  # of the square of a step, up to which they may be missed after it: what is left to the next
         return max(self.tolerance, square_left * self.room * size**2)
 
     def corrected(self, q: Array, size: float) -> tuple[Array, float, Array] | None:
@@ -132,7 +131,7 @@ class _Minimiser:
                 self._raise_shift(4.0)
                 continue
             step, change = self.solve(-here.gradient, -here.constraint)
-            size = float(np.max(np.linalg.norm(step.reshape(-1, 3), axis=1)))
+            size = self.landscape.size(step)
             if not np.isfinite(size):
                 self._raise_shift(4.0)
                 continue
@@ -146,8 +145,8 @@ class _Minimiser:
             idle = size < SMALL_STEP and gain < NO_GAIN
             there = self.landscape.move(self.q, step)
             if (slight and (idle or size < last_step)) or (idle and self.idle >= most_idle):
-                held = self.corrected(there, 0.0)
-                self.q, self.multipliers = there if held is None else held[0], multipliers
+                back = self.corrected(there, 0.0)
+                self.q, self.multipliers = there if back is None else back[0], multipliers
                 return Ended.AT_MINIMUM
             trial = self.corrected(there, size)
             if trial is not None and self.landscape.too_coarse(trial[0]):

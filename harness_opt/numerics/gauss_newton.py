@@ -18,13 +18,10 @@ from harness_opt.numerics.rotations import Array
 
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
-    # most steps once the residual is small: where the problem is badly conditioned, that is not enough
-    most_polishing = 2
+    most_polishing = 2  # most steps once the residual is small, which is not enough where conditions are bad
     nothing_to_gain = 10.0  # largest entry of the next step, in tolerances, that leaves nothing to gain
-    # largest entry of a step that cannot lower |R|: rounding hides what is left to a least-squares minimum
-    nearly_stationary = 1e-5
-    # while |R| and steps fall by this factor, the Jacobian is kept: it costs ten times a chord step
-    most_contraction = 0.2
+    nearly_stationary = 1e-5  # largest entry of a step that cannot lower |R|, at a minimum that rounding hides
+    most_contraction = 0.2  # while |R| and steps fall so, the Jacobian is kept: it costs ten times a chord step
     factor, size, ahead, polished = options.factor, np.inf, np.inf, 0
     stale, limit = factor is None, CONDITION_LIMIT
     status = Status.ITERATION_LIMIT

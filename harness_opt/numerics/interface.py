@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from harness_opt.errors import Status
 from harness_opt.numerics.linear import Factor
 from harness_opt.numerics.rotations import Array
-
-QUIET: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}  # keeps IPOPT off stdout
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +133,10 @@ class Landscape(Protocol):
 
     def expand(self, q: Array, multipliers: Array) -> Expansion:
         """Return the energy less the multipliers' work to second order."""
+        ...
+
+    def size(self, step: Array) -> float:
+        """Return how long a step is, as a descent limits it."""
         ...
 
     def move(self, q: Array, step: Array) -> Array:

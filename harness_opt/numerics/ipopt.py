@@ -14,15 +14,14 @@ import casadi as ca
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics.interface import QUIET, Equations, LeastSquares, Options, Solution, largest
+from harness_opt.numerics.interface import Equations, LeastSquares, Options, Solution, largest
 from harness_opt.numerics.rotations import Array
 
 
 @functools.lru_cache(maxsize=16)
 def _program(equations: Equations, iterations: int, tolerance: float) -> ca.Function:
     """Return IPOPT on ``equations``, built once for each kind of problem."""
-    # of the tolerance: where the problem is badly conditioned, a residual just below it is not enough
-    final_share = 1e-3
+    final_share = 1e-3  # of the tolerance: where conditions are bad, a residual just below it is not enough
     proximal = 1e-9  # on the diagonal of the unknowns: a direction that the equations leave open is not moved along
     unknowns, parameters, residual = equations.unknowns, equations.parameters, equations.residual
     slack, multipliers = ca.SX.sym("slack", residual.numel()), ca.SX.sym("lam_g", residual.numel())
@@ -37,7 +36,9 @@ def _program(equations: Equations, iterations: int, tolerance: float) -> ca.Func
     )
     nlp = {"x": both, "p": parameters, "f": 0.5 * ca.sumsqr(slack), "g": residual - slack}
     settings: dict[str, Any] = {
-        **QUIET,
+        "print_time": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",  # keeps IPOPT off stdout
         "hess_lag": hessian,
         "ipopt.max_iter": iterations,
         "ipopt.tol": final_share * tolerance,

@@ -45,8 +45,7 @@ def solve(
         energy: what solutions are stationary points of; None where there is none.
         steps: most that are taken along the curve.
     """
-    # most that a step may be longer than the last one: at first, and after one was too long
-    first_growth, later_growth = 3.0, 1.25
+    first_growth, later_growth = 3.0, 1.25  # most that a step may grow: at first, and after one was too long
     first_step, least_step = 0.1, 1e-6  # of x
     most_rises = 4  # steps to where a slope of the same sign is steeper: one without a root rises past its least
     most_turn = 0.5  # rad, most that the near-null direction may turn in a step

@@ -25,8 +25,7 @@ LARGEST_SCALE = 0.03  # of D; measured: from 3e-4 to 0.03 the systems on 31 to 6
 def solve(problem: LeastSquares, x: Array, options: Options) -> Solution:
     """Solve ``problem`` from ``x`` (n,); never raises for lack of convergence, the status says how it ended."""
     stalled_mu = 1e-15  # mu below which nothing moves any more
-    # of the largest squared column norm: the mu at which the iteration ends; rounding allows hardly less
-    last_mu = 5e-16
+    last_mu = 5e-16  # of the largest squared column norm: mu at the end; rounding allows hardly less
     residual, jacobian = problem.linearise(x)
     if not _finite(residual, jacobian):
         return Solution(x, Status.NOT_FINITE, largest(residual), 0)

@@ -140,9 +140,8 @@ def _chunk(file: Path) -> bytes:
 def _shares(rows: Any) -> Array:
     """Return whole numbers as the shares of one that they stand for (3.11)."""
     kind = rows.dtype
-    if kind.kind == "f":
-        return rows
-    return np.maximum(rows / float(np.iinfo(kind).max), -1.0)
+    shares: Array = rows if kind.kind == "f" else np.maximum(rows / float(np.iinfo(kind).max), -1.0)
+    return shares
 
 
 def _piece(mesh: Mapping[str, Any], numbers: _Numbers) -> tuple[Array, Indices]:

@@ -40,13 +40,15 @@ def read_mesh(key: str, mesh: MeshFile) -> tuple[Array, Indices, bool]:
 
     Args:
         key: what the problem calls it, for messages.
-        mesh: its path and unit.
+        mesh: its path, unit and axis that points up.
 
     Raises:
         ProblemError: a file that cannot be read, has no triangles, too many, or numbers that are not finite;
-            an unknown format or unit; a surface that is not closed where no shell was asked for.
+            an unknown format, unit or axis; a surface that is not closed where no shell was asked for.
     """
     vertices, faces = _read(key, mesh)
+    if mesh.up_axis == "y":
+        vertices = vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]  # (x, -z, y)
     closed, faces = closing(faces)
     if not (closed or mesh.shell):
         raise ProblemError(
@@ -62,6 +64,8 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
         raise ProblemError(f"{key}: found {mesh.path.name!r}, expected a file ending in {', '.join(FORMATS)}")
     if mesh.unit not in METRES:
         raise ProblemError(f"{key}_unit: found {mesh.unit!r}, expected one of m, cm, mm, in")
+    if mesh.up_axis not in ("y", "z"):
+        raise ProblemError(f"{key.removesuffix('mesh')}up: found {mesh.up!r}, expected one of 'y', 'z'")
     try:
         files = beside(mesh.path, MOST_MESH_BYTES)
         with np.errstate(all="ignore"):  # what is not finite is refused in words

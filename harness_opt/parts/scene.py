@@ -1,7 +1,7 @@
 """Parts to stay clear of: what a problem describes, as geometry that answers distances of points.
 
-A primitive is a closed form (``part_geometry.py``), a mesh is read by trimesh (``mesh_file.py``) and asked
-through coal (``mesh_geometry.py``); both packages are imported when the first mesh is loaded.
+A primitive is a closed form (``primitives.py``), a mesh is read by trimesh (``mesh_file.py``) and asked
+through coal (``mesh.py``); both packages are imported when the first mesh is loaded.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.mesh import Mesh
 from harness_opt.parts.mesh_file import read_mesh
 from harness_opt.parts.mesh_headers import MOST_FACES
+from harness_opt.parts.outer_surface import CLOSED_GAP
 from harness_opt.parts.primitives import Primitive
 
 __all__ = ["Geometry", "Mesh", "Primitive", "Scene", "load_scene"]
@@ -76,8 +77,9 @@ def _geometry(name: str, part: Part) -> Geometry:
             words = "found no coal, which measures distances to meshes, expected it: it is not offered for Windows"
             raise ProblemError(f"parts.{name}.mesh: {words}; boxes, spheres, cylinders and capsules need none")
         vertices, faces, closed = read_mesh(f"parts.{name}.mesh", shape)
+        gap = CLOSED_GAP * float(np.abs(vertices).max())  # before the pose: it was the file that rounded
         vertices = part.position + rotations.rotate(part.quaternion, vertices)
-        return Mesh.of(name, part.body, vertices, faces, closed)
+        return Mesh.of(name, part.body, vertices, faces, closed, gap)
     for key, size in vars(shape).items():
         numbers = np.atleast_1d(np.asarray(size, dtype=float))
         if not (np.all(np.isfinite(numbers)) and np.all(numbers > 0)):

@@ -12,7 +12,11 @@ from harness_opt.parts.scene import Geometry, Mesh
 
 
 def triangles(part: Geometry) -> tuple[Array, Indices]:
-    """Return the vertices (k, 3), m, and faces (m, 3) of a part in the coordinates of its body."""
+    """Return the vertices (k, 3), m, and faces (m, 3) of a part in the coordinates of its body.
+
+    Raises:
+        TypeError: neither a mesh nor a primitive.
+    """
     cylinder_sides = 48  # sides of a cylinder
     if isinstance(part, Mesh):
         return part.vertices, part.faces

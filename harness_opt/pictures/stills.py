@@ -266,7 +266,8 @@ def _write_words(plotter: pv.Plotter, view: View) -> None:
     row, shown, moves = view.row, view.shown, view.shown.motion.problem.moves
     words = [f"{row.cable}: {_value_words(row)}"]
     if row.limit:
-        words.append(f"limit {_quantity(row.id.kind, row.limit)} {'violated' if view.violated else 'held'}")
+        answer = {"no": "violated", "yes": "held", "uncertain": "not certain"}[row.holds]
+        words.append(f"limit {_quantity(row.id.kind, row.limit)} {answer}")
     if moves:
         words.append(f"at {100 * row.motion:.0f} % of the motion")
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True

@@ -15,6 +15,7 @@ from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem, left_out
+from harness_opt.motion.cases import clamp_twist
 from harness_opt.motion.path import place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -41,7 +42,7 @@ def facts(problem: Problem, scene: Scene) -> Json:
         "frames": len(motion),
         "duration": problem.duration,
         "out_and_back": problem.out_and_back,
-        "cables": {name: _cable(problem, run, motion) for name, run in problem.cables.items()},
+        "cables": {name: _cable(problem, name, motion) for name in problem.cables},
         "bodies": {name: _body(body) for name, body in problem.bodies.items()},
         "parts": parts,
         "limits": {name: limit for name, limit in vars(problem.limits).items() if limit is not None},
@@ -57,7 +58,8 @@ def facts(problem: Problem, scene: Scene) -> Json:
 # --- facts ---------------------------------------------------------------------------------------------
 
 
-def _cable(problem: Problem, run: CableRun, motion: Array) -> Json:
+def _cable(problem: Problem, name: str, motion: Array) -> Json:
+    run: CableRun = problem.cables[name]
     cable = run.cable
     kx, ky, kz = (float(stiffness) for stiffness in cable.stiffness)
     weight = cable.mass_per_length * float(np.linalg.norm(problem.gravity))
@@ -75,7 +77,9 @@ def _cable(problem: Problem, run: CableRun, motion: Array) -> Json:
         "slack": None if slack is None else [float(np.min(slack)), float(np.max(slack))],
         "start": _end(run.start),
         "end": _end(run.end),
-        "turns": run.end.turns,
+        "turns": run.turned_in,
+        "clamp_twist": clamp_twist(problem, name),
+        "fitted_at": None if run.untwisted is None else run.fitted_at,
     }
 
 
@@ -95,7 +99,7 @@ def _end(end: End) -> Json:
         (False, True): "guided",
         (False, False): "free",
     }
-    return {"held": kinds[end.position is not None, end.quaternion is not None], "body": end.body}
+    return {"held": kinds[end.position is not None, end.frame is not None], "body": end.body}
 
 
 def _body(body: Body) -> Json:
@@ -127,8 +131,8 @@ def _part(problem: Problem, name: str, part: Part, geometry: Geometry) -> Json:
         "closed": geometry.closed,
         "clearance": problem.clearance_limit(name),
     }
-    if isinstance(geometry, Mesh):
-        entry |= {"file": part.shape.path.name, "triangles": len(geometry.faces)}  # type: ignore[union-attr]
+    if isinstance(part.shape, MeshFile) and isinstance(geometry, Mesh):
+        entry |= {"file": part.shape.path.name, "up": part.shape.up_axis, "triangles": len(geometry.faces)}
     return entry
 
 
@@ -142,7 +146,8 @@ def _reasons(problem: Problem) -> list[Json]:
         "other cables": "there is only one",
         "motion": "no body moves, so that one frame is solved",
     }
-    reasons = [{"what": what, "why": why[what]} for what in left_out(problem)]
+    family = "its clamps stand on one line, and it is round and without weight"
+    reasons = [{"what": what, "why": why.get(what, family)} for what in left_out(problem)]
     unlimited = [name for name in problem.parts if problem.clearance_limit(name) is None]
     if unlimited:
         what = f"a limit for {', '.join(unlimited)}"
@@ -180,11 +185,15 @@ def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
     for name, cable in content["cables"].items():
         size = f"{_mm(cable['length'])} mm long, {_mm(cable['diameter'])} mm thick"
         held = " and ".join(_held(side, cable[side]) for side in ("start", "end"))
-        turns = f", with {cable['turns']:+d} turns" if cable["turns"] else ""
+        turns = f", with {cable['turns']:+g} turns" if cable["turns"] else ""
         yield f"Cable {name}: {size}; {held}{turns}."
         flat = f", ky/kx = {cable['ky_over_kx']:.4g}" if cable["ky_over_kx"] != 1 else ""
         weight = f"weighs {1e3 * cable['mass']:.4g} g, w L^3/B = {cable['weight_number']:.4g}"
         yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}"
+        if cable["clamp_twist"] is not None:
+            degrees = math.degrees(cable["clamp_twist"])
+            where = "at the start" if cable["fitted_at"] is None else f"where fitted, at motion {cable['fitted_at']:g}"
+            yield f"  its clamps build in {degrees:.4g} deg of twist, {degrees / cable['length']:.4g} deg/m, {where}"
         if cable["slack"] is not None:
             smallest, largest = (_mm(slack) for slack in cable["slack"])
             yield f"  slack over the distance of its ends: {smallest} to {largest} mm over the motion"
@@ -218,7 +227,8 @@ def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:
         what = part["kind"]
         if what == "mesh":
             surface = "closed" if part["closed"] else "open, so a shell"
-            what = f"mesh {part['file']}, {part['triangles']} triangles, {surface}"
+            up = "y up (turned to z up)" if part["up"] == "y" else "z up"
+            what = f"mesh {part['file']}, {part['triangles']} triangles, {surface}, {up}"
         limit = "no limit" if part["clearance"] is None else f"at least {_mm(part['clearance'])} mm clear"
         yield f"Part {name}, of {part['body']}: {what}; {limit}"
         yield f"  box from {_place(part['lower'])} to {_place(part['upper'])} mm"

@@ -23,6 +23,7 @@ BAR = 50.0  # half the width of a margin's bar
 WORDS = {
     "ok": ("All limits hold", "good"),
     "violated": ("Limits are violated", "bad"),
+    "uncertain": ("Not certain that all limits hold", "warn"),
     "infeasible": ("No design holds the limits", "bad"),
     "unsolved": ("Not solved", "bad"),
 }
@@ -53,7 +54,7 @@ def limit_rows(rows: Sequence[LimitEntry]) -> list[Json]:
     """Return the limits of a summary as the cells of a table."""
     found = []
     for row in rows:
-        holds = tables.holds(row)
+        holds = row["holds"] != "no"
         reach = BAR * min(1.0, abs(_share(row)))
         found.append(
             {
@@ -63,10 +64,10 @@ def limit_rows(rows: Sequence[LimitEntry]) -> list[Json]:
                 "allowed": tables.quantity(row, row["limit"]),
                 "worst": tables.quantity(row, row["worst"]),
                 "margin": tables.quantity(row, row["margin"], "+"),
-                "holds": holds,
+                "holds": row["holds"],
                 "bar": (0.0 if holds else round(-reach, 2), round(max(reach, 1.0), 2)),
                 "motion": row["motion"],
-                "where": f"{tables.percent(row['motion'])}, {1e3 * row['arc_length']:.0f} mm along",
+                "where": "never near" if row["worst"] is None else "{}, {} mm along".format(*tables.where(row)),
                 "sure": _certainty(row),
             }
         )
@@ -75,7 +76,7 @@ def limit_rows(rows: Sequence[LimitEntry]) -> list[Json]:
 
 def _share(row: LimitEntry) -> float:
     """Return a margin as a share of its limit."""
-    return -1.0 if row["margin"] is None else row["margin"] / (abs(row["limit"] or 0.0) or 1.0)
+    return 1.0 if row["margin"] is None else row["margin"] / (abs(row["limit"] or 0.0) or 1.0)
 
 
 def _certainty(row: LimitEntry) -> str:
@@ -172,8 +173,8 @@ def before_after(summary: Summary) -> list[Json]:
                 "allowed": tables.quantity(row, row["limit"]),
                 "before": "-" if old is None else tables.quantity(old, old["worst"]),
                 "after": tables.quantity(row, row["worst"]),
-                "before_holds": old is None or tables.holds(old),
-                "after_holds": tables.holds(row),
+                "before_holds": old is None or old["holds"] != "no",
+                "after_holds": row["holds"] != "no",
             }
         )
     return found

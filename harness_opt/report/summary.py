@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness_opt.clearance.limits import cable_limits, held
+from harness_opt.clearance.limits import all_hold, all_limits
 from harness_opt.clearance.measure import clearances
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.files.result_folder import SUMMARY
@@ -64,7 +64,7 @@ PHASES = ("load", "solve", "clearance", "pictures")
 
 
 def verdict(result: Motion | Redesign, rows: Iterable[LimitResult]) -> Verdict:
-    """Return "ok", "violated", "infeasible" or "unsolved".
+    """Return "ok", "violated", "uncertain", "infeasible" or "unsolved".
 
     Args:
         result: of a simulation or a redesign.
@@ -72,9 +72,12 @@ def verdict(result: Motion | Redesign, rows: Iterable[LimitResult]) -> Verdict:
     """
     if not result.status.ok:
         return "unsolved"
+    answer = all_hold(rows)
     if isinstance(result, Motion):
-        return "ok" if held(tuple(rows)) else "violated"
-    return "ok" if result.feasible else "infeasible"
+        return "ok" if answer == "yes" else "violated" if answer == "no" else "uncertain"
+    if result.feasible:
+        return "ok"
+    return "uncertain" if answer == "uncertain" and not result.motion.snaps else "infeasible"
 
 
 def summary(
@@ -98,7 +101,7 @@ def summary(
         measured = result.clearances
     elif measured is None:
         measured = clearances(motion)
-    rows = (*measured.limits, *cable_limits(motion.problem, motion))
+    rows = all_limits(motion.problem, motion, measured)
     command = command or ("simulate" if isinstance(result, Motion) else "redesign")
     seconds = {phase: float(result.timing.get(phase, 0.0)) for phase in PHASES}
     seconds |= {"report": float(result.timing["report"])} if "report" in result.timing else {}
@@ -184,6 +187,7 @@ def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> LimitEn
         motion=row.motion,
         arc_length=row.arc_length,
         certified=row.certified,
+        holds=row.holds,
         tolerance=unit * row.tolerance,
         reason=row.reason,
     )

@@ -21,6 +21,7 @@ from harness_opt.report.text_table import WIDTH, laid_out
 LEAST_BOUGHT = 0.05  # of what the best variable buys, in its unit: less is not worth saying
 TRADES = 2  # variables named for each limit
 SAVED = {"change": ("{:.2g} % of the change", 100.0), "length": ("{:.2g} mm of length", 1e3)}
+ANSWERS = {"yes": "OK", "no": "VIOLATED", "uncertain": "UNCERTAIN"}
 HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "arc mm", "")
 LEFT = {0, 1, 2, 6, 9}  # columns set to the left, the others to the right
 SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
@@ -42,10 +43,9 @@ def _cells(row: LimitEntry) -> tuple[str, ...]:
         _number(row["limit"], kind.unit.factor),
         _number(row["worst"], kind.unit.factor),
         _number(row["margin"], kind.unit.factor, "+"),
-        kind.unit.name,
-        percent(row["motion"]),
-        f"{1e3 * row['arc_length']:.0f}",
-        "OK" if holds(row) else "VIOLATED",
+        kind.unit.name if row["worst"] is not None else "",
+        *where(row),
+        ANSWERS[row["holds"]],
     )
 
 
@@ -61,10 +61,17 @@ def percent(motion: float) -> str:
     return f"{100 * motion:.1f}%"
 
 
+def where(row: LimitEntry) -> tuple[str, str]:
+    """Return when and where, in mm of arc, the worst of a row stands; dashes where there is none."""
+    if row["worst"] is None:
+        return "-", "-"
+    return percent(row["motion"]), f"{1e3 * row['arc_length']:.0f}"
+
+
 def quantity(row: LimitEntry, value: float | None, sign: str = "") -> str:
     """Return a value of a limit in the unit shown, as ``3.01 mm``."""
     unit = KIND_OF_KEY[row["name"]].unit
-    return f"{_number(value, unit.factor, sign)} {unit.name}"
+    return "-" if value is None else f"{_number(value, unit.factor, sign)} {unit.name}"
 
 
 def against(row: LimitEntry) -> str:
@@ -74,9 +81,15 @@ def against(row: LimitEntry) -> str:
     return "itself" if row["other_cable"] == row["cable"] else f"cable {row['other_cable']}"
 
 
-def holds(row: LimitEntry) -> bool:
-    """Return whether a row's limit holds."""
-    return row["margin"] is not None and row["margin"] >= 0
+def doubt(row: LimitEntry) -> str:
+    """Return why it is not certain whether a limit holds, and what to do about it; nothing where it is certain."""
+    if row["holds"] != "uncertain":
+        return ""
+    if not row["certified"]:
+        return f"{row['reason'] or 'not looked at between the frames'}; try a smaller --spatial-step"
+    spare, sure = quantity(row, row["margin"]), quantity(row, row["tolerance"])
+    remedy = "ask for a little more, or try a smaller --clearance-tolerance or --spatial-step"
+    return f"{spare} to spare are known to {sure} only; {remedy}"
 
 
 def limit_words(row: LimitEntry) -> str:
@@ -187,9 +200,9 @@ def _certainty(summary: Summary) -> Iterable[str]:
         added = f"; {between} more {'frame was' if between == 1 else 'frames were'} solved for that" if between else ""
         which = "Clearances" if len(sure) == len(rows) else "The other clearances"
         yield f"{which} hold between the frames too, to {1e3 * max(sure):.2g} mm{added}."
-    for row in rows:
-        if not row["certified"]:
-            yield f"Not certain: {limit_words(row)}: {row['reason']}."
+    for row in summary["limits"]:
+        if doubt(row):
+            yield f"Not certain: {limit_words(row)}: {doubt(row)}."
 
 
 def _excluded(entry: PairEntry) -> str:
@@ -203,7 +216,8 @@ def _excluded(entry: PairEntry) -> str:
 def conclusion(summary: Summary) -> str:
     """Return the verdict as a sentence or two."""
     limits, status = summary["limits"], summary["status"]
-    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if not holds(row)]
+    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if row["holds"] == "no"]
+    unsure = [limit_words(row) for row in limits if row["holds"] == "uncertain"]
     if status == "unsolved":
         return f"Not solved: {summary['message'] or summary['reason']}"
     if status == "infeasible":
@@ -214,8 +228,12 @@ def conclusion(summary: Summary) -> str:
         return f"{found} In the way: {'; '.join(in_the_way)}.{held}"
     if not limits:
         return "Solved; there are no limits to hold."
+    more = f" Not certain to hold: {'; '.join(unsure)}." if unsure else ""
     if short:
-        return f"{len(short)} of {len(limits)} limits violated: {'; '.join(short)}."
+        return f"{len(short)} of {len(limits)} limits violated: {'; '.join(short)}.{more}"
+    if unsure:
+        count = f"{len(unsure)} of {len(limits)} limits"
+        return f"No limit is found violated, but {count} are not certain to hold: {'; '.join(unsure)}."
     return "The limit holds." if len(limits) == 1 else f"All {len(limits)} limits hold."
 
 

@@ -18,14 +18,35 @@ from harness_opt.numerics.rotations import IDENTITY, Array
 from harness_opt.rod import equations as rod
 from harness_opt.rod.equations import Section, Units
 
+HELD = 3  # small rotations of a section that a clamp holds; a swivel holds two
+
 
 class Kind(NamedTuple):
-    """Which quantities are given: what decides the structure of the equations, and nothing else."""
+    """Which quantities are given: what decides the structure of the equations, and nothing else.
+
+    A swivel has its orientation given but for the roll: it turns about its tangent, along which no moment acts.
+    """
 
     start_position: bool
     start_orientation: bool
     end_position: bool
     end_orientation: bool
+    start_swivels: bool = False
+    end_swivels: bool = False
+
+    @property
+    def start_held(self) -> int:
+        """How many of the small rotations of the first section about its own axes are held: 0, 3, or x and y."""
+        return _held(self.start_orientation, self.start_swivels)
+
+    @property
+    def end_held(self) -> int:
+        """The same of the last section."""
+        return _held(self.end_orientation, self.end_swivels)
+
+
+def _held(oriented: bool, swivels: bool) -> int:
+    return 0 if not oriented else HELD - 1 if swivels else HELD
 
 
 CLAMPED = Kind(True, True, True, True)  # at both ends
@@ -79,6 +100,8 @@ def boundary(start: End, end: End, units: Units) -> Boundary:
         start.quaternion is not None,
         end.position is not None,
         end.quaternion is not None,
+        start.swivel,
+        end.swivel,
     )
     if not (kind.start_position or kind.end_position):
         raise ProblemError("end.position: neither end has a position, so the cable would fly away")
@@ -169,3 +192,38 @@ def case(cable: Cable, start: End, end: End, gravity: Array) -> Case:
     """
     section, units = rod.scale(cable)
     return Case(section, rod.weight(cable, gravity), boundary(start, end, units))
+
+
+def relative_matrix(clamp: Array) -> Array:
+    """Return the matrix (3, 4) that takes q to the vector part of conj(``clamp``) q."""
+    a, b, c, d = clamp.tolist()
+    return np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
+
+
+def swivel_rates(clamp: Array, turn: Array, x: Array) -> Array:
+    """Return the rates (3, k) of the equations of a swivel at its node's quaternion and moment ``x`` (7,), fixed.
+
+    Args:
+        clamp: frame of the swivel, (4,).
+        turn: small rotations of it about its own axes, (3, k), rad.
+        x: as above.
+    """
+    relative = rotations.multiply(rotations.conjugate(clamp), x[:4])
+    tilt = -0.5 * rotations.multiply(np.pad(turn.T, ((0, 0), (1, 0))), relative).T[1:3]
+    along = rotations.rotate(clamp, rotations.cross(turn.T, np.array([0.0, 0.0, 1.0])))
+    return np.vstack([tilt, x[4:] @ along.T])
+
+
+# Where the derivatives of the equations at the ends stand, by how many rotations are held: rows, and columns among a
+# node's quaternion and moment. Free: the norm and the moment; a swivel: (the norm,) two tilts, the moment about d3.
+_QUATERNION, _MOMENT = [0, 1, 2, 3], [4, 5, 6]
+START_ENTRIES = {
+    0: ([0] * 4 + [1, 2, 3], _QUATERNION + _MOMENT),
+    2: ([0] * 4 + [1] * 4 + [2] * 4 + [3] * 3, 3 * _QUATERNION + _MOMENT),
+    3: ([0, 1, 2, 3], _QUATERNION),
+}
+END_ENTRIES = {
+    0: ([0, 1, 2], _MOMENT),
+    2: ([0] * 4 + [1] * 4 + [2] * 3, 2 * _QUATERNION + _MOMENT),
+    3: ([0] * 4 + [1] * 4 + [2] * 4, 3 * _QUATERNION),
+}

@@ -25,17 +25,21 @@ from harness_opt.numerics.interface import Equations, LeastSquares
 from harness_opt.numerics.machine_code import Buffered, wanted
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
-from harness_opt.rod.boundary import Boundary, Kind
+from harness_opt.rod import collocation_element as element
+from harness_opt.rod.boundary import (
+    END_ENTRIES,
+    START_ENTRIES,
+    Boundary,
+    Kind,
+    relative_matrix,
+    swivel_rates,
+)
 from harness_opt.rod.collocation_element import (
     CLOSURE,
     FORCE,
     NODE,
     PARAMETERS,
     Symbols,
-    assembled,
-    element_functions,
-    element_rates,
-    split,
 )
 from harness_opt.rod.equations import Section
 from harness_opt.rod.states import Rod
@@ -57,7 +61,7 @@ class Collocation:
 
     def __init__(self, elements: int, stages: int, loaded: bool, machine: bool):
         self.elements, self.stages, self.loaded, self._machine = elements, stages, loaded, machine
-        functions = element_functions(stages, loaded, machine)
+        functions = element.functions(stages, loaded, machine)
         self.element_pattern = functions.jacobian.sparsity_out(0)
         block = NODE + 4 * stages
         self.size = block * elements + NODE + FORCE
@@ -70,7 +74,7 @@ class Collocation:
 
     def side_by_side(self, function: ca.Function, x: Symbols, p: Symbols) -> Symbols:
         """Return a function of one element for all of them, column by column, at unknowns and parameters of all."""
-        steps, starts, stiffness, rest, load = split(p, self.elements)[:5]
+        steps, starts, stiffness, rest, load = element.split(p, self.elements)[:5]
         z = ca.reshape(x[self.gather.T.ravel().tolist()], *self.gather.shape)
         shared = [3, 4, 5]  # stiffness, rest curvature and load are one for all elements
         every = function.map("every", "serial", self.elements, shared, [])
@@ -83,7 +87,7 @@ class Collocation:
     @functools.cached_property
     def parameter_rates(self) -> tuple[Buffered, ca.Sparsity]:
         """The elements' derivatives by rest curvature and load, one after the other, and their pattern in each."""
-        function = element_rates(self.stages, self.loaded, self._machine)
+        function = element.rates(self.stages, self.loaded, self._machine)
         return self._of_all(function), function.sparsity_out(0)
 
     def residual(self, kind: Kind) -> Buffered:
@@ -94,11 +98,11 @@ class Collocation:
 
     def _residual(self, kind: Kind) -> Buffered:
         x, p = ca.MX.sym("x", self.size), ca.MX.sym("p", self.parameters)
-        table = self.side_by_side(element_functions(self.stages, self.loaded, self._machine).equations, x, p)
-        return Buffered(ca.Function("residual", [x, p], [assembled(x, p, table, kind)]))
+        table = self.side_by_side(element.functions(self.stages, self.loaded, self._machine).equations, x, p)
+        return Buffered(ca.Function("residual", [x, p], [element.assembled(x, p, table, kind)]))
 
     def bind(self, section: Section, load: Array, boundary: Boundary, mesh: Array) -> BoundCollocation:
-        """Return the equations of one cable between two ends on ``mesh`` (n + 1,)."""
+        """Return the equations of a dimensionless cable under ``load`` (3,) between two ends on ``mesh`` (n + 1,)."""
         return BoundCollocation(self, section, np.asarray(load, dtype=float), boundary, mesh)
 
 
@@ -106,7 +110,7 @@ _built = functools.lru_cache(maxsize=32)(Collocation)
 
 
 def collocation(elements: int, stages: int, loaded: bool) -> Collocation:
-    """Return the transcription, built once per process for each kind."""
+    """Return the transcription, built once per process; arguments as of :class:`Collocation`."""
     return _built(elements, stages, loaded, wanted())
 
 
@@ -126,21 +130,13 @@ def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Indi
         rows = [np.where(r >= closure, -1, r) for r in rows]
     node, force = (NODE + 4 * stages) * elements, transcription.size - FORCE
     end = closure + CLOSURE
-    if kind.start_orientation:
-        rows.append(np.arange(4))
-        columns.append(np.arange(4))
-    else:
-        rows.append(np.array([0, 0, 0, 0, 1, 2, 3]))
-        columns.append(np.arange(NODE))
+    rows.append(np.array(START_ENTRIES[kind.start_held][0]))
+    columns.append(np.array(START_ENTRIES[kind.start_held][1]))
     if not (kind.start_position and kind.end_position):
         rows.append(closure + np.arange(3))
         columns.append(force + np.arange(3))
-    if kind.end_orientation:
-        rows.append(np.repeat(end + np.arange(3), 4))
-        columns.append(np.tile(node + np.arange(4), 3))
-    else:
-        rows.append(end + np.arange(3))
-        columns.append(node + 4 + np.arange(3))
+    rows.append(end + np.array(END_ENTRIES[kind.end_held][0]))
+    columns.append(node + np.array(END_ENTRIES[kind.end_held][1]))
     row, column = np.concatenate(rows), np.concatenate(columns)
     used = np.flatnonzero(row >= 0)
     order = used[np.lexsort((row[used], column[used]))]
@@ -148,19 +144,13 @@ def _pattern(elements: int, stages: int, loaded: bool, kind: Kind) -> tuple[Indi
     return order, row[order].astype(np.int32), indptr.astype(np.int32)
 
 
-def relative_matrix(boundary: Boundary) -> Array:
-    """Return the matrix (3, 4) that takes q to the vector part of conj(q_end) q."""
-    a, b, c, d = boundary.end_quaternion.tolist()
-    return np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
-
-
 @functools.lru_cache(maxsize=32)
 def _equations(elements: int, stages: int, loaded: bool, kind: Kind) -> Equations:
     """Return R(x, p) in scalar symbols; p as in :func:`split`."""
     t = _built(elements, stages, loaded, False)  # symbols don't go through machine code
     x, p = ca.SX.sym("x", t.size), ca.SX.sym("p", t.parameters)
-    table = t.side_by_side(element_functions(stages, loaded, False).equations, x, p)
-    return Equations(x, p, assembled(x, p, table, kind))
+    table = t.side_by_side(element.functions(stages, loaded, False).equations, x, p)
+    return Equations(x, p, element.assembled(x, p, table, kind))
 
 
 def stations(mesh: Array, stages: int) -> Array:
@@ -200,7 +190,7 @@ class BoundCollocation:
         n, s, kind = transcription.elements, transcription.stages, boundary.kind
         self._residual, self._pattern = transcription.residual(kind), _pattern(n, s, transcription.loaded, kind)
         self._node = (NODE + 4 * s) * n
-        self._relative = relative_matrix(boundary)
+        self._relative = relative_matrix(boundary.end_quaternion)
         self._values = np.concatenate(
             (
                 mesh[1:] - mesh[:-1], mesh[:-1], section.stiffness, section.rest_curvature, load, boundary.gap,
@@ -217,15 +207,25 @@ class BoundCollocation:
 
     def linearise(self, x: Array) -> tuple[Array, sp.csc_array]:
         """Return R(x) and its Jacobian."""
-        t, b = self.transcription, self.boundary
+        t, kind = self.transcription, self.boundary.kind
         entries = t.entries(x, self._values)
-        boundary_entries = [np.ones(4) if b.kind.start_orientation else np.concatenate([2 * x[:4], np.ones(3)])]
-        if not (b.kind.start_position and b.kind.end_position):
+        boundary_entries = self._start_entries(x)
+        if not (kind.start_position and kind.end_position):
             boundary_entries.append(np.ones(3))
-        boundary_entries.append(self._relative.ravel() if b.kind.end_orientation else np.ones(3))
+        if kind.end_swivels:
+            boundary_entries += [self._relative[:2].ravel(), rotations.tangent(self.boundary.end_quaternion)]
+        else:
+            boundary_entries.append(self._relative.ravel() if kind.end_orientation else np.ones(3))
         order, indices, indptr = self._pattern
         data = np.concatenate([entries, *boundary_entries])[order]
         return self.residual(x), sp.csc_array((data, indices, indptr), shape=(t.size, t.size))
+
+    def _start_entries(self, x: Array) -> list[Array]:
+        """Return the entries of the Jacobian that belong to the start's equations."""
+        clamp, kind = self.boundary.start_quaternion, self.boundary.kind
+        if kind.start_swivels:
+            return [2 * x[:4], relative_matrix(clamp)[:2].ravel(), rotations.tangent(clamp)]
+        return [np.ones(4)] if kind.start_orientation else [2 * x[:4], np.ones(3)]
 
     def parametric(self) -> tuple[Equations, Array]:
         """Return the equations of this kind in symbols, and the values of their parameters."""
@@ -300,7 +300,9 @@ class BoundCollocation:
         closure, end = START + t.elements * count, START + t.elements * count + CLOSURE
         applied = {name: np.zeros((3, k)) for name in ("start_force", "end_force", "start_moment", "end_moment")}
         applied.update(loads or {})
-        if b.kind.start_orientation:
+        if b.kind.start_swivels:
+            out[1:4] = swivel_rates(b.start_quaternion, start_turn, x[:NODE])
+        elif b.kind.start_orientation:
             turned = rotations.multiply(b.start_quaternion, np.pad(start_turn.T, ((0, 0), (1, 0))))
             out[:4] = -0.5 * turned.T
         else:
@@ -311,7 +313,9 @@ class BoundCollocation:
             out[closure : closure + 3] = -load - applied["end_force"]
         else:
             out[closure : closure + 3] = applied["start_force"]
-        if b.kind.end_orientation:
+        if b.kind.end_swivels:
+            out[end:] = swivel_rates(b.end_quaternion, end_turn, x[self._node : self._node + NODE])
+        elif b.kind.end_orientation:
             relative = rotations.multiply(rotations.conjugate(b.end_quaternion), x[self._node : self._node + 4])
             out[end:] = -0.5 * rotations.multiply(np.pad(end_turn.T, ((0, 0), (1, 0))), relative).T[1:]
         else:

@@ -62,7 +62,7 @@ class Element:
 
 
 @functools.lru_cache(maxsize=8)
-def element_functions(stages: int, loaded: bool, machine: bool) -> Element:
+def functions(stages: int, loaded: bool, machine: bool) -> Element:
     """Return the functions of an element of any mesh, as machine code where ``machine``."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
@@ -72,8 +72,8 @@ def element_functions(stages: int, loaded: bool, machine: bool) -> Element:
 
 
 @functools.lru_cache(maxsize=8)
-def element_rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
-    """Return the derivatives of an element's equations by rest curvature and load, which few ask for."""
+def rates(stages: int, loaded: bool, machine: bool) -> ca.Function:
+    """Return an element's derivatives by rest curvature and load, which few ask for; as :func:`functions`."""
     element = _element(stages, loaded)
     z, *parameters = element.sx_in()
     by_parameters = ca.jacobian(element(z, *parameters), ca.vertcat(*parameters[3:]))
@@ -88,10 +88,22 @@ def split(p: Symbols, elements: int) -> list[Symbols]:
     """Return the parameters of all equations, one vector each.
 
     Steps, element starts, stiffness, rest curvature, load, gap, start quaternion, the matrix of
-    :func:`~harness_opt.rod.collocation.relative_matrix` by columns, and the loads on start and end: forces, then
+    :func:`~harness_opt.rod.boundary.relative_matrix` by columns, and the loads on start and end: forces, then
     moments.
     """
     return ca.vertsplit(p, np.cumsum([0, elements, elements, *PARAMETERS]).tolist())
+
+
+def relative_to(q: Symbols) -> Symbols:
+    """Return the matrix (3, 4) that takes p to the vector part of conj(q) p."""
+    a, b, c, d = (q[i] for i in range(4))
+    return ca.vertcat(ca.horzcat(-b, a, d, -c), ca.horzcat(-c, -d, a, b), ca.horzcat(-d, c, -b, a))
+
+
+def tangent(q: Symbols) -> Symbols:
+    """Return d3 (3,) of a quaternion (4,)."""
+    a, b, c, d = (q[i] for i in range(4))
+    return ca.vertcat(2 * (b * d + a * c), 2 * (c * d - a * b), a * a - b * b - c * c + d * d)
 
 
 def assembled(x: Symbols, p: Symbols, table: Symbols, kind: Kind) -> Symbols:
@@ -102,6 +114,9 @@ def assembled(x: Symbols, p: Symbols, table: Symbols, kind: Kind) -> Symbols:
     start = x[:4] - start_q
     if not kind.start_orientation:
         start = ca.vertcat(ca.sumsqr(x[:4]) - 1, x[4:7] + start_moment)
+    elif kind.start_swivels:
+        tilt = ca.mtimes(relative_to(start_q), x[:4])[:2]
+        start = ca.vertcat(ca.sumsqr(x[:4]) - 1, tilt, ca.mtimes(tangent(start_q).T, x[4:7]))
     closure = ca.sum2(table[count:, :]) - gap
     if not kind.end_position:
         closure = x[-3:] - load - end_force
@@ -110,4 +125,7 @@ def assembled(x: Symbols, p: Symbols, table: Symbols, kind: Kind) -> Symbols:
     end = x[node + 4 : node + 7] - end_moment
     if kind.end_orientation:
         end = ca.mtimes(ca.reshape(relative, 3, 4), x[node : node + 4])
+    if kind.end_swivels:
+        end_q = ca.vertcat(relative[3], -relative[:3])  # its first column is that of conj(q_end)
+        end = ca.vertcat(end[:2], ca.mtimes(tangent(end_q).T, x[node + 4 : node + 7]))
     return ca.vertcat(start, ca.vec(table[:count, :]), closure, end)

@@ -24,6 +24,7 @@ from harness_opt.numerics.quadrature import DifferentialQuadrature, differential
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod
 from harness_opt.rod.boundary import Case, Kind
+from harness_opt.rod.collocation_element import relative_to
 
 FEWEST, MOST = 5, 200  # points
 
@@ -106,6 +107,10 @@ def _ends(
     first, last = rod.frame(q[:, 0]), rod.frame(q[:, -1])
     rows = [q[:, 0] - start_q if kind.start_orientation else ca.mtimes(first, moment[:, 0]) + start_moment]
     rows.append(q[:, -1] - end_q if kind.end_orientation else ca.mtimes(last, moment[:, -1]) - end_moment)
+    swivels = ((kind.start_swivels, 0, start_q), (kind.end_swivels, -1, end_q))
+    for place, (swivel, node, clamp) in enumerate(swivels):
+        if swivel:
+            rows[place] = ca.vertcat(ca.mtimes(relative_to(clamp), q[:, node])[:2], moment[2, node])
     if kind.start_position and kind.end_position:
         rows.append(position[:, -1] - gap)
     elif kind.start_position:

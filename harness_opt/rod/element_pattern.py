@@ -22,7 +22,7 @@ class Pattern:
 
     Args:
         nodes: of the elements, (elements, DEGREE + 1).
-        free: whether a node may turn, (nodes,).
+        free: whether a node may turn about its own axes, (nodes, 3).
         blocks: which entries of the elements' Hessians are used, (elements, UNKNOWNS, UNKNOWNS).
         chords: which entries of the chords' derivatives are used, (elements, 3, UNKNOWNS), or None.
         places: of all these, and of the diagonal, among the nonzeros.
@@ -40,15 +40,21 @@ class Pattern:
 
 
 @functools.lru_cache(maxsize=64)
-def pattern(elements: int, start_clamped: bool, end_clamped: bool, closed: bool) -> Pattern:
-    """Return where entries go for so many elements; first and last node may be clamped; ``closed``: with a border."""
+def pattern(elements: int, start_held: int, end_held: int, closed: bool) -> Pattern:
+    """Return where entries go for so many elements.
+
+    Args:
+        elements: their number.
+        start_held, end_held: how many of the rotations of the first and the last node are held.
+        closed: with a border.
+    """
     count = DEGREE * elements + 1
     nodes = DEGREE * np.arange(elements)[:, None] + np.arange(DEGREE + 1)
-    free = np.ones(count, dtype=bool)
-    free[0], free[-1] = not start_clamped, not end_clamped
+    free = np.ones((count, 3), dtype=bool)
+    free[0, :start_held], free[-1, :end_held] = False, False
     number = np.full((count, 3), -1)
-    size = 3 * int(free.sum())
-    number[free] = np.arange(size).reshape(-1, 3)
+    size = int(free.sum())
+    number[free] = np.arange(size)
     unknowns = number[nodes].reshape(elements, UNKNOWNS)
     row, column = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
     blocks = (row >= 0) & (column >= 0)

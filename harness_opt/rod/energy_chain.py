@@ -34,7 +34,7 @@ from harness_opt.numerics.machine_code import Buffered, built, wanted
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod
-from harness_opt.rod.boundary import Boundary
+from harness_opt.rod.boundary import HELD, Boundary
 from harness_opt.rod.element_pattern import DEGREE, UNKNOWNS, pattern
 from harness_opt.rod.equations import Section
 
@@ -216,14 +216,14 @@ class Chain:
         self.section, self.load, self.boundary, self.mesh = section, load, boundary, mesh
         kind, steps, count = boundary.kind, np.diff(mesh), len(mesh) - 1
         self.closed = kind.start_position and kind.end_position
-        self._pattern = pattern(count, kind.start_orientation, kind.end_orientation, self.closed)
+        self._pattern = pattern(count, kind.start_held, kind.end_held, self.closed)
         self._functions = _functions(count, exact, wanted())
         self._parameters = np.concatenate([steps, mesh[:-1], section.stiffness, section.rest_curvature, load])
         self.nodes = np.append((mesh[:-1, None] + steps[:, None] * LOBATTO_NODES[:-1]).ravel(), 1.0)
         self.points = (mesh[:-1, None] + steps[:, None] * gauss(DEGREE).nodes).ravel()
         share = np.gradient(self.nodes)
         share[[0, -1]] *= 0.5
-        self._weights = np.repeat(share[self._pattern.free], 3) * (1.0 + float(np.max(section.stiffness)))
+        self._weights = np.repeat(share, 3)[self._pattern.free.ravel()] * (1.0 + float(np.max(section.stiffness)))
         self._loose_force = boundary.end_force if kind.start_position else -boundary.start_force - load
 
     def on(self, mesh: Array, *, exact: bool | None = None) -> Chain:
@@ -285,7 +285,7 @@ class Chain:
             border = slopes.reshape(count, 3, UNKNOWNS)[p.chords]
             entries += [border, border, np.zeros(3)]
         return Expansion(
-            gradient[p.free].ravel(), self._missed(chords.reshape(count, 3).sum(axis=0)), np.concatenate(entries),
+            gradient[p.free], self._missed(chords.reshape(count, 3).sum(axis=0)), np.concatenate(entries),
             len(entries[0]), p.places, p.sparsity, self._weights,
         )  # fmt: skip
 
@@ -298,21 +298,26 @@ class Chain:
         halves = halves.reshape(count, UNKNOWNS, UNKNOWNS)
         return np.asarray(self._rigid + halves + np.swapaxes(halves, -1, -2))
 
+    def size(self, step: Array) -> float:
+        """Return the largest turning of a node, rad, by ``step`` (n,)."""
+        turned = np.zeros(self._pattern.free.shape)
+        turned[self._pattern.free] = step
+        return float(np.max(np.linalg.norm(turned, axis=1)))
+
     def move(self, q: Array, step: Array) -> Array:
         """Return ``q`` (m, 4) with its free nodes turned about their own axes by ``step`` (n,), rad."""
         half = np.zeros((len(q), 4))
         half[:, 0] = 1.0
-        half[self._pattern.free, 1:] = 0.5 * step.reshape(-1, 3)
+        half[:, 1:][self._pattern.free] = 0.5 * step
         return rotations.normalise(rotations.multiply(q, half))
 
     def step(self, turned: Array) -> Array:
         """Return rotations (m, 3) of the nodes about their own axes, rad, as a step (n,) of those that are free."""
-        return np.asarray(turned[self._pattern.free].ravel())
+        return np.asarray(turned[self._pattern.free])
 
     def too_coarse(self, q: Array) -> bool:
         """Return whether an element is turned further than its polynomials can follow."""
-        # rad that neighbouring nodes, and those of an element, may be turned to each other
-        most_turn_next, most_turn_element = 1.0, 2.5
+        most_turn_next, most_turn_element = 1.0, 2.5  # rad, between neighbouring nodes, and between those of an element
         nodes = q[self._pattern.nodes]
         neighbours = np.sum(nodes[:, 1:] * nodes[:, :-1], axis=-1)
         ends = np.sum(nodes[:, 1:] * nodes[:, :1], axis=-1)
@@ -337,10 +342,19 @@ class Chain:
         return rotations.multiply(nodes[:, 0], turned), 4.0 * omega / (1.0 + square) ** 2
 
     def clamped(self, q: Array) -> Array:
-        """Return ``q`` (m, 4) with the quaternions of clamped ends put in, of the sign that is nearer."""
-        q, kind = q.copy(), self.boundary.kind
-        if kind.start_orientation:
-            q[0] = self.boundary.start_quaternion * np.sign(self.boundary.start_quaternion @ q[0] or 1.0)
-        if kind.end_orientation:
-            q[-1] = self.boundary.end_quaternion * np.sign(self.boundary.end_quaternion @ q[-1] or 1.0)
+        """Return ``q`` (m, 4) with the quaternions of clamped ends put in, of the sign that is nearer.
+
+        A swivel keeps its roll.
+        """
+        q, boundary = q.copy(), self.boundary
+        given = (
+            (0, boundary.kind.start_held, boundary.start_quaternion),
+            (-1, boundary.kind.end_held, boundary.end_quaternion),
+        )
+        for node, held, clamp in given:
+            if 0 < held < HELD:
+                roll = rotations.multiply(rotations.conjugate(clamp), q[node]) * (1.0, 0.0, 0.0, 1.0)
+                q[node] = rotations.multiply(clamp, rotations.normalise(roll))
+            elif held:
+                q[node] = clamp * np.sign(clamp @ q[node] or 1.0)
         return q

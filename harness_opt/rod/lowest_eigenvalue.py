@@ -29,7 +29,7 @@ class Pencil:
 
     def __init__(self, variation: SecondVariation):
         kind, closed = variation.kind, variation.closed
-        self._pattern = pattern(len(variation.masses), kind.start_orientation, kind.end_orientation, closed)
+        self._pattern = pattern(len(variation.masses), kind.start_held, kind.end_held, closed)
         self._border = 3 if closed else 0
         self._size = variation.size
         stiffness, mass = variation.blocks[self._pattern.blocks], variation.masses[self._pattern.blocks]
@@ -64,8 +64,7 @@ class Pencil:
         Args:
             unit: what counts as zero.
         """
-        # relative change of an eigenvalue that has been found, and steps after which it may be
-        converged, least_steps = 1e-10, 2
+        converged, least_steps = 1e-10, 2  # relative change of a found eigenvalue, and steps after which it may be
         most_steps = 60
         low, index = self._bound(unit)
         matrix, (places, rows, starts) = self._q - low * self._m, self._pattern.inner
@@ -100,8 +99,7 @@ class Pencil:
     def _bound(self, unit: float) -> tuple[float, int]:
         """Return a number below the lowest eigenvalue, and close to one below zero in its own size; and their count."""
         extreme = 1e30  # in what counts as zero: nothing is found out there
-        # part of what counts as zero: Lanczos's method from there tells apart what is far smaller than that
-        near_zero = 1e-4
+        near_zero = 1e-4  # part of what counts as zero: Lanczos's method from there tells apart what is far smaller
         relative_width = 0.3  # relative width of the enclosure whose lower end that is
         widening = 8.0  # factor by which an enclosure is looked for further away
         if not self.below(-near_zero * unit):

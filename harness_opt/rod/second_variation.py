@@ -6,6 +6,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness_opt.numerics import rotations
 from harness_opt.numerics.quadrature import gauss
@@ -40,9 +41,15 @@ class SecondVariation:
 
     @property
     def size(self) -> int:
-        """Number of small rotations that are free, times 3."""
-        clamped = self.kind.start_orientation + self.kind.end_orientation
-        return 3 * (DEGREE * len(self.masses) + 1 - clamped)
+        """Number of small rotations that are free, about one axis each."""
+        return 3 * (DEGREE * len(self.masses) + 1) - self.kind.start_held - self.kind.end_held
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which of the small rotations of all nodes are free."""
+        free = np.ones((DEGREE * len(self.masses) + 1, 3), dtype=bool)
+        free[0, : self.kind.start_held], free[-1, : self.kind.end_held] = False, False
+        return free.ravel()
 
     @property
     def conservative(self) -> bool:
@@ -71,8 +78,8 @@ class SecondVariation:
             matrix[..., span, span] += self.blocks[..., e, :, :]
             moves[..., span] += self.ends[..., e, :, :]
             mass[span, span] += self.masses[e]
-        kept = slice(3 if self.kind.start_orientation else 0, size - (3 if self.kind.end_orientation else 0))
-        return matrix[..., kept, kept], moves[..., kept], mass[kept, kept]
+        kept = np.flatnonzero(self.free)
+        return matrix[..., kept[:, None], kept], moves[..., kept], mass[kept[:, None], kept]
 
 
 @functools.lru_cache(maxsize=64)

@@ -175,7 +175,7 @@ def doubt(error: Array | float) -> Array:
 
 
 def doubtful(rod: Rod, found: Stability, error: Array | float) -> NDArray[np.bool_]:
-    """Return whether margins are so near zero that errors (...) of the shapes may have given them their sign, (...)."""
+    """Return whether the margins ``found`` of ``rod`` may owe their sign to errors (...) of the shapes, in L, (...)."""
     return np.asarray(~(np.abs(found.margin) > doubt(error) * _scale(rod)))
 
 
@@ -231,8 +231,7 @@ def lowest_mode(rod: Rod, kind: Kind) -> Array:
         values, vectors = np.linalg.eig(matrix)
         found = basis @ vectors[:, np.argmin(values.real)].real
     field = np.zeros(3 * (DEGREE * (len(mesh) - 1) + 1))
-    first = 3 if kind.start_orientation else 0
-    field[first : first + len(found)] = found
+    field[variation.free] = found
     at_nodes = np.stack([np.interp(rod.mesh, mesh, one) for one in field.reshape(-1, 3)[::DEGREE].T], axis=1)
     scaled: Array = at_nodes / np.max(np.linalg.norm(at_nodes, axis=1))
     return scaled

@@ -170,8 +170,7 @@ class Rod:
         solution through the one before. Where a tension makes that grow faster than the collocation does, it is by how
         much the exact solutions through both nodes disagree in the middle, half of it at either end.
         """
-        # decay lengths up to which an element grows what it misses at its start as the exact solution does
-        stiff_from = 6.0
+        stiff_from = 6.0  # decay lengths, beyond which an element does not grow its misses as the exact solution does
         series = self.series() if series is None else series
         steps = np.diff(self.mesh)
         dq, dm, dr = self._misses(series, steps)
@@ -198,8 +197,7 @@ class Rod:
 
     def _misses(self, series: rod.Series, steps: Array) -> tuple[Array, Array, Array]:
         """Return by how much nodes miss the exact solutions through those before; these go there by a few series."""
-        # series along an element, for what it misses: of two, their own truncation shows on coarse meshes
-        series_count = 3
+        series_count = 3  # along an element: of two, their own truncation shows on coarse meshes
         step = np.broadcast_to(steps / series_count, (*self.q.shape[:-2], len(steps)))
         states = [of[..., :-1, :] for of in (series.q, series.r, series.moment)]
         force = self.force[..., :-1, :]

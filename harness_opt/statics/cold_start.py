@@ -7,7 +7,9 @@ own (:mod:`harness_opt.statics.release`).
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
+from harness_opt.rod.link import links, links_of, turns_lost
 from harness_opt.statics.curls import minimum_with_curls
 from harness_opt.statics.energy_minimum import COILED, LITTLE_WORK, TWISTED, WORK, EnergyMinimum, minimise_energy
 from harness_opt.statics.from_minimum import solve_from_minimum
@@ -45,21 +48,35 @@ def from_curve(case: Case, turns: int, bow: Array | None, solver: str) -> Iterat
         case, turns, bow, solver: as in :func:`cold_start`.
     """
     straight_slack = 1e-8  # slack below which a cable is taken for straight
-    boundary, kind = case.boundary, case.boundary.kind
-    slack = 1.0 - float(np.linalg.norm(boundary.gap))
-    taut = kind.start_position and kind.end_position and slack < EASY_SLACK
-    begun, s, q = curve(case, boundary, turns, bow)
-    if taut and slack <= straight_slack:
+    begun, s, q = curve(case, case.boundary, turns, bow)
+    taut = _is_taut(case)
+    if taut and 1.0 - float(np.linalg.norm(case.boundary.gap)) <= straight_slack:
         yield from _some(_straight(begun, s, q, solver))
         return
-    work = LITTLE_WORK if taut else WORK
-    minimum = minimise_energy(softened(begun, s, q, COILED), s, q, np.zeros(3), short_steps=False, work=work)
-    if minimum is not None:
-        minimum = stiffen(begun, minimum, work, shorten_steps=not taut)
-    yield from _some(_solved(begun, minimum, solver))
+    yield from _some(_minimised(begun, s, q, solver, LITTLE_WORK if taut else WORK))
     if taut:
         for coiled in (TWISTED, COILED):
             yield from _some(_tightened(case, turns, bow, coiled, solver))
+
+
+def _is_taut(case: Case) -> bool:
+    kind = case.boundary.kind
+    slack = 1.0 - float(np.linalg.norm(case.boundary.gap))
+    return kind.start_position and kind.end_position and slack < EASY_SLACK
+
+
+def _minimised(begun: Case, s: Array, q: Array, solver: str, work: int) -> Solved | None:
+    """Solve the energy minimum that a curve with frames (m, 4) at ``s`` (m,) leads to; None where none is reached.
+
+    Args:
+        begun: with the signs of the curve's quaternions.
+        s, q, solver: as above.
+        work: elements times steps that it may take.
+    """
+    minimum = minimise_energy(softened(begun, s, q, COILED), s, q, np.zeros(3), short_steps=False, work=work)
+    if minimum is not None:
+        minimum = stiffen(begun, minimum, work, shorten_steps=not _is_taut(begun))
+    return _solved(begun, minimum, solver)
 
 
 def _from_curls(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
@@ -114,35 +131,82 @@ def _straight(case: Case, s: Array, q: Array, solver: str) -> Solved | None:
     return solved if solved.ok and not solved.turned else None
 
 
-def _starts(case: Case, turns: int, bow: Array | None, solver: str) -> Iterator[Solved]:
-    """Yield shapes from curves with different bows, then from curls; arguments as of :func:`cold_start`."""
+@dataclass(frozen=True)
+class Wound:
+    """A curve with frames to begin with, that has the turns asked for: stations (m,), frames (m, 4), points (m, 3)."""
+
+    s: Array
+    q: Array
+    r: Array
+
+    @functools.cached_property
+    def links(self) -> Array:
+        """What :func:`harness_opt.rod.link.links` says of it."""
+        return links(self.s, self.q, self.r)
+
+
+def wound_curve(case: Case, turns: int, bow: Array | None) -> Wound:
+    """Return the curve that :func:`cold_start` begins with."""
+    _, s, q = curve(case, case.boundary, turns, bow)
+    steps = np.diff(s)[:, None] * 0.5 * (rotations.tangent(q[1:]) + rotations.tangent(q[:-1]))
+    return Wound(s, q, np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]))
+
+
+def _starts(
+    case: Case, turns: int, bow: Array | None, solver: str, wound: Wound | None
+) -> Iterator[tuple[Array, Solved]]:
+    """Yield shapes from curves with different bows, then from curls, and before each the links that it should have.
+
+    Arguments as of :func:`cold_start`.
+    """
     same_frames = 1e-6  # of quaternions: curves that no bow makes different, where clamps leave no length for it
 
     def frames(wish: Array | None) -> Array:
         return curve(case, loose(case.boundary), turns, wish)[2]
 
     tried = list[Array | None]()
+    if wound is not None:
+        boundary = signed(case.signed_like(wound.q[0], wound.q[-1]).boundary, wound.q)
+        begun = dataclasses.replace(case, boundary=boundary)
+        work = LITTLE_WORK if _is_taut(case) else WORK
+        yield from ((wound.links, one) for one in _some(_minimised(begun, wound.s, wound.q, solver, work)))
     for wish in _bows(case, bow):
         if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=same_frames) for other in tried):
             continue
         tried.append(wish)
-        yield from from_curve(case, turns, wish, solver)
-    yield from _from_curls(case, turns, tried[0], solver)
+        own = whole_turns(case, wish, wound) if wound is not None else turns
+        asked = wound_curve(case, own, wish).links
+        yield from ((asked, one) for one in from_curve(case, own, wish, solver))
+    own = whole_turns(case, tried[0], wound) if wound is not None else turns
+    asked = wound_curve(case, own, tried[0]).links
+    yield from ((asked, one) for one in _from_curls(case, own, tried[0], solver))
 
 
-def cold_start(case: Case, turns: int, bow: Array | None, solver: str) -> Solved | None:
+def whole_turns(case: Case, bow: Array | None, wound: Wound) -> int:
+    """Return the whole turns with which the curve bowed to ``bow`` is wound as ``wound`` is."""
+    return round(float(wound.links[0] - wound_curve(case, 0, bow).links[0]))
+
+
+def cold_start(case: Case, turns: int, bow: Array | None, solver: str, wound: Wound | None = None) -> Solved | None:
     """Find a shape for ``case`` from its ends alone: a stable one where any is found, None where nothing worked.
+
+    It has the turns that it was begun with; one that got rid of some by going through itself comes back only where
+    there is no other, and says so.
 
     Args:
         case: what to solve.
         turns: whole turns added to the smallest twist that joins the clamps along the starting curve.
         bow: direction to which that curve is bowed; None takes the load's, then others where that fails.
         solver: name.
+        wound: a curve to begin with that has the turns asked for, in place of ``turns``.
     """
-    unstable = None
-    for found in _starts(case, turns, bow, solver):
+    unstable = lost = None
+    for asked, found in _starts(case, turns, bow, solver, wound):
         stable = stabilised(found, solver)
-        if stable is not None:
+        if turns_lost(case.boundary.kind, asked, links_of((stable or found).rod)):
+            lost = lost or dataclasses.replace(stable or found, passed=True)
+        elif stable is not None:
             return stable
-        unstable = unstable or found
-    return unstable
+        else:
+            unstable = unstable or found
+    return lost or unstable

@@ -21,7 +21,7 @@ from harness_opt.statics.mesh import RESOLVED, ROUGH, elements_for, refine
 from harness_opt.statics.solve import RESIDUAL, Solved, error_estimate, solve_on
 
 STEP_ITERATIONS = 12  # a corrector that needs more has lost its predictor
-NEAR = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
+MOST_TURNING = 0.35  # largest turning between the predicted and the corrected shape of a step, rad
 LEAST_STEP = 2.0**-12  # of a path step
 
 
@@ -65,7 +65,7 @@ def step(case: Case, here: Solved, before: Solved | None, ratio: float, solver: 
     if not solved.ok or solved.turned:
         return None
     x, quaternions = solved.solution.x, solved.bound.quaternions
-    if turning(quaternions(guess), quaternions(x)) > NEAR:
+    if turning(quaternions(guess), quaternions(x)) > MOST_TURNING:
         return None
     return dataclasses.replace(solved, trail=trail.extended(x, length, predictions))
 

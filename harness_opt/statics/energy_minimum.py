@@ -123,7 +123,13 @@ class DescentLimits:
 def descend_to_minimum(
     chain: Chain, q: Array, multipliers: Array, shift: float, limits: DescentLimits
 ) -> EnergyMinimum | None:
-    """Descend on ``chain``, and on others made to fit, to the minimum of one that fits; None where that fails."""
+    """Descend on ``chain``, and on others made to fit, to the minimum of one that fits; None where that fails.
+
+    Args:
+        chain, q, multipliers: where to begin: quaternions of the nodes (m, 4), and the multipliers of the constraints.
+        shift: of the first step, in the metric of the chain.
+        limits: how far to go.
+    """
     few_steps = 5  # meshes in a row, the finest, that allow no more steps than this: what is bent is too sharp for them
     little_gain = 1e-4  # relative, of the energy: a round that gains less hardly goes down
     most_drift = 2.0  # times its length, or the inverse: an element that has changed so much does not fit any more
@@ -181,8 +187,7 @@ def refine_curls(minimum: EnergyMinimum, finer: int) -> EnergyMinimum | None:
         minimum: on the chain.
         finer: elements for one of it.
     """
-    # of them, that bring curls to the last digit; relative, of the energy: what is gained there
-    most_rounds, least_gain = 8, 1e-11
+    most_rounds, least_gain = 8, 1e-11  # rounds; relative gain of energy that is worth one
     chain, q, multipliers = minimum.chain, minimum.q, minimum.multipliers
     if not has_curls(chain, q):
         return None

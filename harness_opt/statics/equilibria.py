@@ -9,15 +9,18 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
-from harness_opt.model.cable import Cable, End
+from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.methods import check_method
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
-from harness_opt.rod.boundary import case
-from harness_opt.statics.cold_start import from_curve
-from harness_opt.statics.equilibrium import TOLERANCE, Shape, refined_shape
+from harness_opt.rod.boundary import HELD, Case
+from harness_opt.rod.link import links_of, turns_lost
+from harness_opt.statics.cold_start import from_curve, whole_turns, wound_curve
+from harness_opt.statics.equilibrium import SHAPE_TOLERANCE, Shape, refined_shape
+from harness_opt.statics.fitting import posed_run
 from harness_opt.statics.release import stabilised
+from harness_opt.statics.solve import Solved
 
 BOWS = 8  # directions about the chord to which starting curves bow
 EXTRA_TURNS = (-1, 0, 1)
@@ -35,7 +38,7 @@ def equilibria(
     bows: int = BOWS,
     turns: Iterable[int] = EXTRA_TURNS,
     solver: str = "gauss-newton",
-    tolerance: float = TOLERANCE,
+    tolerance: float = SHAPE_TOLERANCE,
     stations: int = STATIONS,
 ) -> tuple[Shape, ...]:
     """Return the distinct stable shapes found between two ends in world coordinates, that of least energy first.
@@ -55,24 +58,35 @@ def equilibria(
     """
     check_method("collocation", solver)
     tolerance = checks.positive("tolerance", tolerance)
-    posed = case(cable, start, end, np.asarray(checks.numbers("gravity", gravity, 3)))
-    kind = posed.boundary.kind
-    twists = sorted(set(turns)) if kind.start_orientation and kind.end_orientation else [0]
+    sought = posed_run(CableRun(cable, start, end), np.asarray(checks.numbers("gravity", gravity, 3)), solver)
+    posed, kind = sought.case, sought.case.boundary.kind
+    twists = sorted(set(turns)) if kind.start_held == kind.end_held == HELD else [0]
     if not (isinstance(bows, int) and 0 < bows * len(twists) <= MOST_STARTS):
         raise ProblemError(
             f"bows, turns: found {bows!r} times {len(twists)} starts, expected at least one and at most {MOST_STARTS}"
         )
     found: list[Shape] = []
+    wound = None if sought.fitted is None else sought.fitted.wound()
     for twist in twists:
         for bow in _directions(posed.boundary.gap, bows):
-            starts = from_curve(posed, end.turns + twist, bow, solver)
-            stable = next((one for one in (stabilised(start, solver) for start in starts) if one is not None), None)
+            own = int(sought.ends[1].turns) if wound is None else whole_turns(posed, bow, wound)
+            stable = _stable_from(posed, own + twist, bow, solver)
             if stable is None:
                 continue
-            shape = refined_shape(cable, (start, end), stable, tolerance, solver, stations)
+            shape = refined_shape(cable, sought.ends, stable, tolerance, solver, stations)
             if shape.ok and shape.stable and not any(_same(shape, other) for other in found):
                 found.append(shape)
     return tuple(sorted(found, key=lambda shape: shape.energy))
+
+
+def _stable_from(posed: Case, turns: int, bow: Array, solver: str) -> Solved | None:
+    """Return the first stable shape from a curve that has kept its turns; None where there is none."""
+    asked = wound_curve(posed, turns, bow).links
+    for start in from_curve(posed, turns, bow, solver):
+        stable = stabilised(start, solver)
+        if stable is not None and not turns_lost(posed.boundary.kind, asked, links_of(stable.rod)):
+            return stable
+    return None
 
 
 def _directions(gap: Array, count: int) -> Array:
@@ -89,8 +103,7 @@ def _same(a: Shape, b: Shape) -> bool:
     A family is one shape turned about an axis: energy and twist are those of all its members, but not of their mirror
     images.
     """
-    # stability margin up to which a shape may be of a neutral family, in the largest load on the cable
-    neutral_margin = 1e-3
+    neutral_margin = 1e-3  # stability margin of a neutral family at most, in the largest load on the cable
     same_twist = 1e-3  # rad over the cable
     same_energy = 1e-6  # relative: neutral shapes of one energy are one family
     length = float(a.s[-1])

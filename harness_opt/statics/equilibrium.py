@@ -10,23 +10,23 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import SolveError, Status
 from harness_opt.model import checks
-from harness_opt.model.cable import Cable, End
+from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.methods import check_method
 from harness_opt.model.results import STATIONS, Quantities
 from harness_opt.numerics.interface import Solution
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Case, Kind, case
+from harness_opt.rod.boundary import Kind
 from harness_opt.rod.equations import Section, Units
 from harness_opt.rod.stability import stability
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start
+from harness_opt.statics.fitting import PosedRun, posed_run
 from harness_opt.statics.mesh import LAST_RESORT, refine
 from harness_opt.statics.paper_pose import START_SOLVER, Quadrature, solve_by_quadrature
 from harness_opt.statics.solve import Solved, resample, solve_on
 
-TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
+SHAPE_TOLERANCE = 1e-9  # of the centreline, in lengths of the cable, for a single shape
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def equilibrium(  # noqa: PLR0913
     points: int | None = None,
     closure: bool = False,
     solver: str = "gauss-newton",
-    tolerance: float = TOLERANCE,
+    tolerance: float = SHAPE_TOLERANCE,
     stations: int = STATIONS,
     bow: ArrayLike | None = None,
     guess: Shape | None = None,
@@ -107,7 +107,8 @@ def equilibrium(  # noqa: PLR0913
 
     Args:
         cable: the cable.
-        start, end: what holds its ends; ``end.turns`` adds whole turns of twist to the starting shape.
+        start, end: what holds its ends, in world coordinates; an untwisted end is fitted right here, and ``end.turns``
+            adds turns of twist to the starting shape.
         gravity: m/s2, (3,).
         transcription: "collocation", or "dqm": the paper's own differential quadrature, from ``guess`` or the same
             first shape, and certified by the collocation.
@@ -125,13 +126,11 @@ def equilibrium(  # noqa: PLR0913
         SolveError: no shape was found (only where ``throw``).
     """
     check_method(transcription, solver)
-    posed = case(cable, start, end, np.asarray(checks.numbers("gravity", gravity, 3)))
-    direction = None if bow is None else np.asarray(checks.direction("bow", bow))
     tolerance = checks.positive("tolerance", tolerance)
     options = Quadrature(points, closure, solver, tolerance)
-    if guess is not None:
-        posed = posed.signed_like(guess.rod.q[0], guess.rod.q[-1]) if guess.ok else posed
-    sought = _Sought(cable, (start, end), posed, direction, guess, stations)
+    run = CableRun(cable, start, end, None if bow is None else checks.direction("bow", bow))
+    begin = guess.rod if guess is not None and guess.ok else None
+    sought = _Sought(posed_run(run, np.asarray(checks.numbers("gravity", gravity, 3)), solver, begin), guess, stations)
     dqm = transcription == "dqm"
     shape = _by_quadrature(sought, options) if dqm else _by_collocation(sought, tolerance, solver)
     if throw and not shape.ok:
@@ -143,35 +142,35 @@ def equilibrium(  # noqa: PLR0913
 class _Sought:
     """What :func:`equilibrium` is asked for, checked."""
 
-    cable: Cable
-    ends: tuple[End, End]
-    case: Case
-    bow: Array | None
+    pose: PosedRun
     guess: Shape | None
     stations: int
 
-    def cold_start(self, solver: str) -> Solved | None:
-        """Return a first shape found from the ends alone."""
-        return cold_start(self.case, self.ends[1].turns, self.bow, solver)
+    @property
+    def cable(self) -> Cable:
+        """The cable."""
+        return self.pose.run.cable
 
 
 def _by_collocation(sought: _Sought, tolerance: float, solver: str) -> Shape:
     """Solve from the guess or from nothing, refine, and return the shape, or a failed one."""
     guess, solved = sought.guess, None
     if guess is None:
-        solved = sought.cold_start(solver)
+        solved = sought.pose.cold_start(solver)
     elif guess.ok:
         mesh = guess.rod.mesh
-        solved = solve_on(sought.case, mesh, resample(guess.rod, mesh), solver)
+        solved = solve_on(sought.pose.case, mesh, resample(guess.rod, mesh), solver)
     if solved is None or not solved.ok:
         return _failed(sought.cable, sought.stations, None if solved is None else solved.solution)
-    return refined_shape(sought.cable, sought.ends, solved, tolerance, solver, sought.stations)
+    if solved.passed:
+        return _failed(sought.cable, sought.stations, _without_contact(solved))
+    return refined_shape(sought.cable, sought.pose.ends, solved, tolerance, solver, sought.stations)
 
 
 def refined_shape(
     cable: Cable, ends: tuple[End, End], solved: Solved, tolerance: float, solver: str, stations: int
 ) -> Shape:
-    """Refine the mesh of a solved case to ``tolerance`` and return the shape between ``ends``, start and end."""
+    """Refine the mesh of a solved case to ``tolerance``; return its shape; arguments as of :func:`equilibrium`."""
     solved, error, status = refine(solved, tolerance, solver, LAST_RESORT[-1])
     outcome = _Outcome(solved.rod, status, solved.solution.residual, error, solved.solution.iterations)
     return _shape(cable, *ends, solved.case.boundary.kind, outcome, stations)
@@ -179,17 +178,23 @@ def refined_shape(
 
 def _by_quadrature(sought: _Sought, options: Quadrature) -> Shape:
     """Solve by the paper's transcription from the guess, or from a cold start's shape; return it, or a failed one."""
-    guess, posed = sought.guess, sought.case
+    guess, posed = sought.guess, sought.pose.case
     begin = guess.rod if guess is not None and guess.ok else None
     if guess is None:
-        solved = sought.cold_start(START_SOLVER)
+        solved = sought.pose.cold_start(START_SOLVER)
+        if solved is not None and solved.passed:
+            return _failed(sought.cable, sought.stations, _without_contact(solved))
         if solved is not None and solved.ok:
             posed, begin = solved.case, solved.rod
     if begin is None:
         return _failed(sought.cable, sought.stations, None)
     answer = solve_by_quadrature(posed, begin, options)
     outcome = _Outcome(answer.rod, answer.status, answer.residual, answer.error, answer.iterations)
-    return _shape(sought.cable, *sought.ends, posed.boundary.kind, outcome, sought.stations)
+    return _shape(sought.cable, *sought.pose.ends, posed.boundary.kind, outcome, sought.stations)
+
+
+def _without_contact(solved: Solved) -> Solution:
+    return dataclasses.replace(solved.solution, status=Status.NOT_WITHOUT_CONTACT)
 
 
 def _shape(cable: Cable, start: End, end: End, kind: Kind, outcome: _Outcome, stations: int) -> Shape:

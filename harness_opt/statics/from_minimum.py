@@ -41,8 +41,7 @@ def _solve_near_minimum(case: Case, minimum: EnergyMinimum, solver: str) -> Solv
     refinements = (1, 2)  # collocation elements tried for one of the chain
     # the chain is right to a per mille: what needs more does not converge, of the fastest solver and of the others
     solve_iterations, slower_iterations = 20, 60
-    # estimated error, in L, above which a solve on a coarse mesh is not taken for a shape of the cable
-    most_error = 0.02
+    most_error = 0.02  # estimated error, in L, of a solve on a coarse mesh that is taken for a shape of the cable
     most_turning = 0.5  # rad, turning up to which a solved shape is that of the chain
     chain = minimum.chain
     boundary = dataclasses.replace(chain.boundary, gap=case.boundary.gap)  # with the signs of its quaternions

@@ -6,8 +6,7 @@ import numpy as np
 
 from harness_opt.errors import Status
 from harness_opt.numerics.rotations import Array
-from harness_opt.statics.corrections import correct_to_rounding
-from harness_opt.statics.solve import STAGES, Solved, error_estimate, resample, solve_on
+from harness_opt.statics.solve import STAGES, Solved, correct_to_rounding, error_estimate, resample, solve_on
 
 # meshes on offer; a function is built once for each
 ELEMENTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -72,8 +71,7 @@ def elements_for(elements: int, error: float, local: Array) -> int:
         elements: that it has.
         error, local: what :func:`error_estimate` returns.
     """
-    # largest local error, in L, of a mesh not to blame for an estimated error: a near-null direction is
-    least_local = 1e-9
+    least_local = 1e-9  # largest local error, in L, of a mesh not to blame: a near-null direction is
     first_refinement = 128  # elements up to which it is refined for the first
     if error <= COARSE or np.max(local) <= least_local:
         return 0

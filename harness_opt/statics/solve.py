@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.numerics import gauss_newton, ipopt, levenberg_marquardt, near_null
+from harness_opt.numerics import gauss_newton, ipopt, levenberg_marquardt, near_null, rotations
 from harness_opt.numerics import paper_levenberg_marquardt as paper
 from harness_opt.numerics.extrapolation import Trail
-from harness_opt.numerics.interface import Options, Solution, Solver
+from harness_opt.numerics.interface import Options, Solution, Solver, largest
 from harness_opt.numerics.linear import CONDITION_LIMIT, Factor, factorise
 from harness_opt.numerics.rotations import Array
-from harness_opt.rod.boundary import CLAMPED, Case
+from harness_opt.rod.boundary import CLAMPED, HELD, Case, relative_matrix
 from harness_opt.rod.collocation import BoundCollocation, collocation, pack, stations
 from harness_opt.rod.states import Defects, Rod
 
@@ -41,12 +41,14 @@ class Solved:
         solution: the solver's answer.
         trail: the solves that led here by :func:`~harness_opt.statics.continuation.step`, this one first; None where
             it was found otherwise.
+        passed: whether the cable went through itself on the way here: turns are lost that its ends were given.
     """
 
     case: Case
     bound: BoundCollocation
     solution: Solution
     trail: Trail | None = None
+    passed: bool = False
 
     @property
     def ok(self) -> bool:
@@ -92,7 +94,7 @@ class Solved:
         """Whether the end came out with the opposite sign: an odd number of whole turns away from the one asked for."""
         boundary = self.case.boundary
         last = self.bound.last_quaternion(self.solution.x)
-        return boundary.kind.end_orientation and float(last @ boundary.end_quaternion) < 0.0
+        return boundary.kind.end_held == HELD and float(last @ boundary.end_quaternion) < 0.0
 
 
 def _load_scale(load: Array, force: Array) -> float:
@@ -120,12 +122,10 @@ def solve_on(
         near: solve of a like case nearby, whose factorised Jacobian may serve.
         residual: largest entry of the scaled equations that counts as solved.
     """
-    # relative: of a force along an element, which should not turn it, a few units in the last place do
-    force_rounding = 1e-15
+    force_rounding = 1e-15  # relative, of a force along an element, which should not turn it: a few last digits
     nearly_solved = 1e3  # times the residual asked for: left by what has come to that curve, and not strayed
     most_on_curve = 1e-2  # residual of the scaled equations that is left on the near-null curve at most
-    # part of the residual asked for, that counts as solved along a near-null direction: the rest goes far
-    sharp_share = 1e-3
+    sharp_share = 1e-3  # of the residual asked for: along a near-null direction what is left goes far
     bound = collocation(len(mesh) - 1, STAGES, bool(case.load.any())).bind(case.section, case.load, case.boundary, mesh)
     # rounding grows with the loads that the moment equations carry, and turns long soft elements
     scale = _load_scale(case.load, x[-3:])
@@ -198,7 +198,11 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     moments += behind[:, None] * dm
     turns[:-1] += (before * dq)[1:]
     moments[:-1] += (before * dm)[1:]
-    if kind.start_orientation:
+    if kind.start_swivels:
+        clamp = solved.case.boundary.start_quaternion
+        residual[1:3] = before[0] * (relative_matrix(clamp)[:2] @ dq[0])
+        residual[3] = before[0, 0] * (rotations.tangent(clamp) @ dm[0])
+    elif kind.start_orientation:
         residual[:4] = before[0] * dq[0]
     else:
         residual[1:4] = before[0] * dm[0]
@@ -216,3 +220,49 @@ def error_from_defects(solved: Solved, defects: Defects) -> tuple[float, Array]:
     turned = turning_weight * max(2.0 * float(np.max(np.linalg.norm(dq, axis=-1))), float(turning.max()))
     # nodes, and what is sampled between them, are off by different things
     return max(float(np.linalg.norm(moved, axis=1).max(axis=0).sum() + apart.max()), turned), local
+
+
+def solve_along_near_null(solved: Solved) -> Solved:
+    """Return a solve carried on along its near-null direction until rounding hides the rest; unchanged without one.
+
+    Where one direction is all but flat, a residual small enough for any other shape still leaves far to go there.
+    """
+    # part of the residual that following the near-null curve is to leave, and how often
+    part_left, most_repeats = 0.3, 12
+    if solved.factor.condition < CONDITION_LIMIT:
+        return solved
+    problem, best = solved.bound.least_squares(), solved.solution
+    for _ in range(most_repeats):
+        followed = near_null.solve(problem, best.x, Options(part_left * best.residual, 0))
+        if not followed.status.ok:
+            break
+        best = followed
+    found = Solved(solved.case, solved.bound, best)
+    return solved if best is solved.solution or found.turned else found
+
+
+def correct_to_rounding(solved: Solved) -> Solved:
+    """Return a solve corrected until rounding is left, with the Jacobian that it ended with.
+
+    What counts as solved grows with the loads, and long elements show what is left: their curvatures are the small
+    differences of large moments.
+    """
+    best = solved.solution
+    if best.factor is not None and not best.factor.singular:
+        best = _corrected(solved.bound, best, best.factor)
+    if best is solved.solution and best.residual > RESIDUAL and not solved.factor.singular:
+        best = _corrected(solved.bound, best, solved.factor)
+    return solved if best is solved.solution else dataclasses.replace(solved, solution=best)
+
+
+def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solution:
+    """Return ``best`` after corrections with one Jacobian, as long as they leave less."""
+    # part of the residual that a last correction is to leave, and how many there are
+    most_left, most_corrections = 0.5, 4
+    for _ in range(most_corrections):
+        x = best.x - factor.solve(bound.residual(best.x))
+        left = largest(bound.residual(x))
+        if not left < most_left * best.residual:
+            break
+        best = dataclasses.replace(best, x=x, residual=left)
+    return best

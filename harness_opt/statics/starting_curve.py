@@ -13,7 +13,7 @@ import numpy as np
 
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
-from harness_opt.rod.boundary import Boundary, Case
+from harness_opt.rod.boundary import HELD, Boundary, Case
 
 LENGTH_POINTS = 241  # points for measuring the length of the curve
 NO_LENGTH = 1e-15  # length below which a vector has no direction
@@ -173,12 +173,12 @@ def _chord_and_tangents(boundary: Boundary, wish: Array) -> tuple[Array, Array, 
 
 def _first_frame(boundary: Boundary, points: Array, tangents: Array) -> Array:
     """Return the section frame (4,) at the start: the clamp's, or the one that leads to the end's clamp untwisted."""
-    if boundary.kind.start_orientation:
+    if boundary.kind.start_held == HELD:
         return boundary.start_quaternion
-    if boundary.kind.end_orientation:
+    if boundary.kind.end_held == HELD:
         first: Array = rotation_minimising(points[::-1], tangents[::-1], boundary.end_quaternion)[-1]
         return first
-    return rotations.from_tangent(tangents[0])
+    return boundary.start_quaternion if boundary.kind.start_held else rotations.from_tangent(tangents[0])
 
 
 def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | None = None) -> tuple[Array, Array]:
@@ -190,8 +190,7 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
         turns: whole turns added to the smallest twist, at most half a turn, that joins the ends.
         bow: direction to which the curve is bowed where its length leaves the choice; None takes the curve's own plane.
     """
-    # of the length, and of the slack: what a sharp bend is spread over, the lesser
-    eased_length, eased_slack = 0.1, 0.3
+    eased_length, eased_slack = 0.1, 0.3  # of the length, of the slack: the lesser is what a bend is spread over
     wish = np.zeros(3) if bow is None else np.asarray(bow, dtype=float)
     gap, t0, t1 = _chord_and_tangents(boundary, wish)
     s = np.linspace(0.0, 1.0, nodes)
@@ -204,7 +203,7 @@ def starting_curve(boundary: Boundary, nodes: int, turns: int = 0, bow: Array | 
     frames = rotation_minimising(points, tangents, _first_frame(boundary, points, tangents))
     width = min(eased_length, eased_slack * (1.0 - float(np.linalg.norm(points[-1] - points[0]))))
     frames = _eased(_eased(frames, width), width)
-    if not boundary.kind.end_orientation or not boundary.kind.start_orientation:
+    if boundary.kind.end_held < HELD or boundary.kind.start_held < HELD:
         return points, frames
     left = rotations.multiply(rotations.conjugate(frames[-1]), boundary.end_quaternion)
     twist = (2.0 * np.arctan2(left[3], left[0]) + np.pi) % (2.0 * np.pi) - np.pi
@@ -227,15 +226,23 @@ def loose(boundary: Boundary) -> Boundary:
 
 
 def curve(case: Case, boundary: Boundary, turns: int, bow: Array | None) -> tuple[Case, Array, Array]:
-    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these."""
+    """Return ``case`` with ``boundary``, and the arc lengths (m,) and quaternions (m, 4) of the curve between these.
+
+    ``turns`` and ``bow`` are as in :func:`starting_curve`.
+    A swivel of a flat or bent section begins at the roll of its frame.
+    """
     curve_points = 241  # places at which a starting curve is sampled
-    _, q = starting_curve(boundary, curve_points, turns, bow)
+    kind, stiffness = boundary.kind, case.section.stiffness
+    begin = boundary
+    if stiffness[0] != stiffness[1] or np.any(case.section.rest_curvature):
+        begin = dataclasses.replace(boundary, kind=kind._replace(start_swivels=False, end_swivels=False))
+    _, q = starting_curve(begin, curve_points, turns, bow)
     return dataclasses.replace(case, boundary=signed(boundary, q)), np.linspace(0.0, 1.0, curve_points), q
 
 
 def signed(boundary: Boundary, q: Array) -> Boundary:
     """Return ``boundary`` with that of the end's two quaternions that stands for the turns of the curve (m, 4)."""
-    if not boundary.kind.end_orientation:
+    if boundary.kind.end_held < HELD:
         return boundary
     sign = 1.0 if q[-1] @ boundary.end_quaternion >= 0 else -1.0
     return dataclasses.replace(boundary, end_quaternion=sign * boundary.end_quaternion)

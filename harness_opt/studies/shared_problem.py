@@ -207,7 +207,7 @@ class LocalProblem:
         if still or not isinstance(mesh, Mesh):
             return mesh
         vertices = part.position + rotations.rotate(part.quaternion, mesh.vertices)
-        return Mesh.of(name, part.body, vertices, mesh.faces, mesh.closed)
+        return Mesh.of(name, part.body, vertices, mesh.faces, mesh.closed, mesh.gap)
 
 
 def _loaded(problem: Problem, name: str, part: Part) -> Geometry:

@@ -135,6 +135,7 @@ def facts(results: Sequence[VariantResult], planned: int) -> Json:
         results: of the finished variants.
         planned: number of variants in all.
     """
+    results = sorted(results, key=lambda result: result.number)  # whichever was finished first
     counts = Counter(result.status for result in results)
     reasons = Counter(result.reason for result in results if result.reason)
     names = dict.fromkeys(name for result in results for name in result.margins)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -26,7 +27,7 @@ from harness_opt.studies.shared_problem import Shared, local_problem, version
 REFUSED = "refused"  # the values make no problem: a cable too short for its clamps, say
 FAILED = "failed"  # something broke that should not have
 LOST = "lost"  # its worker died with it, again and again
-STATUSES = ("ok", "violated", "infeasible", "unsolved", REFUSED, FAILED, LOST)
+STATUSES = ("ok", "violated", "uncertain", "infeasible", "unsolved", REFUSED, FAILED, LOST)
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ class VariantResult:
         number: in the study, from 0.
         key: sha256 of all that the result depends on.
         values: of the varied quantities, by key.
-        status: "ok", "violated", "infeasible" or "unsolved" as in a summary; "refused" where the values make no
-            problem; "failed" or "lost" where the run itself broke.
+        status: "ok", "violated", "uncertain", "infeasible" or "unsolved" as in a summary; "refused" where the values
+            make no problem; "failed" or "lost" where the run itself broke.
         reason: for the user; empty where all is well.
         frames: solved.
         snaps: how often a cable jumped to another shape.
@@ -126,7 +127,8 @@ def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> Va
     else:
         result = motion = simulate(problem, throw=False)
         rows, after = all_limits(problem, motion, clearances(motion, local.scene(problem))), {}
-    shares = {row.id: row.margin / row.scale(problem.cables[row.cable].cable.radius) for row in rows}
+    known = [row for row in rows if math.isfinite(row.worst)]  # a cable that never comes near itself has no margin
+    shares = {row.id: row.margin / row.scale(problem.cables[row.cable].cable.radius) for row in known}
     worst = min(shares, key=shares.__getitem__, default=None)
     return VariantResult(
         number=number,
@@ -139,7 +141,7 @@ def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> Va
         stable=bool(motion.cables) and all(bool(cable.stable.all()) for cable in motion.cables.values()),
         worst_limit=None if worst is None else str(worst),
         worst_margin=None if worst is None else shares[worst],
-        margins={str(row.id): row.id.kind.from_si * row.margin for row in rows},
-        worst={str(row.id): row.id.kind.from_si * row.worst for row in rows},
+        margins={str(row.id): row.id.kind.from_si * row.margin for row in known},
+        worst={str(row.id): row.id.kind.from_si * row.worst for row in known},
         after=after,
     )

@@ -22,7 +22,7 @@ from harness_opt.studies.variant import variant_runner
 from harness_opt.studies.variations import Variations
 from harness_opt.studies.workers import Crew
 
-SOLVED = ("ok", "violated")
+SOLVED = ("ok", "violated", "uncertain")
 
 
 def with_yields(result: Redesign, *, executor: Executor | None = None, progress: Progress | None = None) -> Redesign:

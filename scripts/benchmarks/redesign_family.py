@@ -227,7 +227,7 @@ def infeasible(seed: int) -> Scene:
 def _too_sharp(random: np.random.Generator, problem: ho.Problem, motion: ho.Motion) -> Scene | None:
     """A curve whose tangent turns by an angle has that angle over its length as mean curvature at least."""
     ends = problem.ends("lead", 0.0)[0]
-    tangents = [rotations.tangent(np.asarray(end.quaternion)) for end in ends]
+    tangents = [rotations.tangent(np.asarray(end.frame)) for end in ends]
     turn = math.acos(float(np.clip(tangents[0] @ tangents[1], -1.0, 1.0))) - math.radians(10.0)
     if turn < 0.5:
         return None
@@ -272,9 +272,9 @@ def _too_near(random: np.random.Generator, problem: ho.Problem, motion: ho.Motio
     """Two cables begin nearer to each other than they may."""
     run = problem.cables["lead"]
     apart = run.cable.diameter + 0.003
-    aside = rotations.rotate(np.asarray(run.start.quaternion), np.array([1.0, 0.0, 0.0]))
+    aside = rotations.rotate(np.asarray(run.start.frame), np.array([1.0, 0.0, 0.0]))
     beside = tuple(random.uniform(0.6, 0.9) * apart * aside)
-    end = rotations.rotate(np.asarray(run.end.quaternion), np.array([0.02, 0.0, 0.0]))
+    end = rotations.rotate(np.asarray(run.end.frame), np.array([0.02, 0.0, 0.0]))
     other = ho.CableRun(
         run.cable,
         dataclasses.replace(run.start, position=beside),

@@ -76,7 +76,7 @@ def _cable(kz: float, **changes: object) -> ho.Cable:
     return ho.Cable(**(given | changes))
 
 
-def _elastica(distance: float) -> Benchmark:
+def elastica(distance: float) -> Benchmark:
     """Love, "A Treatise on the Mathematical Theory of Elasticity", section 263: four quarter waves of modulus k."""
     k = optimize.brentq(
         lambda k: 2 * special.ellipe(k * k) / special.ellipk(k * k) - 1 - distance, 1e-6, 1 - 1e-9, xtol=1e-16
@@ -163,7 +163,7 @@ def _same(_start: ho.End, end: ho.End) -> ho.End:
 def benchmarks() -> list[Benchmark]:
     """Return all cases."""
     return [
-        *(_elastica(distance) for distance in (0.9, 0.6, 0.3)),
+        *(elastica(distance) for distance in (0.9, 0.6, 0.3)),
         _cantilever(5.0),
         _wrench("half circle", (0.0, np.pi, 0.0)),
         _wrench("helix", (4.0, 0.0, 3.0)),

@@ -86,7 +86,7 @@ def write_csv(file: Path, rows: Iterable[Mapping[str, object]]) -> None:
 def frame_rows(found: Run) -> Iterable[dict[str, object]]:
     """Return a line for each frame of a run, SI units and turns."""
     wanted, snapped = found.rig, {snap.frame for snap in found.motion.snaps}
-    along = rotations.tangent(wanted.problem.cables[CABLE].start.quaternion)
+    along = rotations.tangent(wanted.problem.cables[CABLE].start.frame)
     for k in range(len(found.motion.motion)):
         shapes = found.shapes
         yield {

@@ -67,14 +67,14 @@ def rig(reading: str, twist: float, coarser: int = 1) -> Rig:
     comes = round((FAR - NEAR) / (coarser * STEP))
     angle = np.append(np.linspace(0.0, twist, turns + 1), np.full(comes, twist))
     distance = np.append(np.full(turns, FAR), np.linspace(FAR, NEAR, comes + 1))
-    along = rotations.tangent(run.start.quaternion)
+    along = rotations.tangent(run.start.frame)
     turned = rotations.from_rotation_vector(np.radians(angle)[:, None] * along)
     chuck = ho.Poses(
         tuple(np.arange(len(angle), dtype=float)),
         tuple(map(tuple, run.cable.length * distance[:, None] * along)),
         tuple(map(tuple, turned)),
     )
-    end = ho.End((0.0, 0.0, 0.0), run.start.quaternion, body="chuck")
+    end = ho.End((0.0, 0.0, 0.0), run.start.frame, body="chuck")
     problem = dataclasses.replace(
         shipped,
         cables={CABLE: ho.CableRun(run.cable, run.start, end)},

@@ -59,7 +59,9 @@ def test_worst_of_the_motion_against_dense_sampling(kind, tmp_path, rng):
         arm = Body(Hinge(tuple(rng.uniform(-0.1, 0.1, 3)), (1, 1, 0.3), 0.0, 1.5))
         problem = Problem(runs(), {"arm": arm}, {"part": part})
         scene = load_scene(problem)
-        found = measure(problem, scene, motion, {"lead": story.shapes(motion)}, between=Between(story.solve))
+        asked = Options(tolerance=TOLERANCE)  # also of what is violated beyond doubt
+        given = {"lead": story.shapes(motion)}
+        found = measure(problem, scene, motion, given, asked, between=Between(story.solve))
         pair = found.pairs[0]
         dense, slack = _dense(problem, scene, story, "part")
         assert pair.certified, (number, pair.reason)
@@ -91,7 +93,8 @@ def test_two_cables_and_one_with_itself_against_dense_sampling(rng):
             return stories[cable].solve(cable, values)
 
         given = {name: story.shapes(motion) for name, story in stories.items()}
-        found = measure(problem, load_scene(problem), motion, given, between=Between(solve))
+        asked = Options(tolerance=TOLERANCE)
+        found = measure(problem, load_scene(problem), motion, given, asked, between=Between(solve))
         least = {"cable:one": np.inf, "cable:two": np.inf}
         for t in np.linspace(0, 1, 201):
             one, two = (story.points(t, s) for story in stories.values())
@@ -103,6 +106,9 @@ def test_two_cables_and_one_with_itself_against_dense_sampling(rng):
             assert pair.certified, pair.reason
             assert pair.tolerance <= TOLERANCE * (1 + 1e-6)
             assert pair.lower_bound <= least[pair.obstacle.key]
+            if np.isinf(pair.worst):  # it never comes near itself: the least is the chord of the arc left out
+                assert pair.is_to_itself and least[pair.obstacle.key] >= limit
+                continue
             assert pair.worst <= least[pair.obstacle.key] + pair.tolerance + 1e-9
             at = [stories[name].points(pair.motion, np.array([place])) for name, place in
                   ((pair.cable, pair.arc_length), (pair.obstacle.name, pair.place.other_arc_length[0]))]  # fmt: skip
@@ -124,7 +130,7 @@ def test_thin_plate_between_two_frames_is_always_found(kind, coarse, tmp_path, r
         problem = lift({"plate": Part(shape, "world", tuple(at), tuple(turn), clearance=0.004)})
         scene = load_scene(problem)
         crossed = dataclasses.replace(motion, problem=problem)
-        pair = ho.clearances(crossed, scene).pairs[0]
+        pair = ho.clearances(crossed, scene, tolerance=TOLERANCE).pairs[0]
         dense = measure(problem, scene, fine.motion, fine.cables).pairs[0]
         assert pair.worst <= -DIAMETER / 2 + TOLERANCE
         assert pair.certified, pair.reason
@@ -144,7 +150,7 @@ def test_needle_between_frames_and_between_stations_is_found(coarse, tmp_path):
         s = station / 100 * 0.3
         at = curve.at(curve.interval(np.array([moment])), np.array([moment]), np.array([s]))[0]
         problem = lift({"needle": Part(shape, "world", tuple(at), clearance=0.004)})
-        pair = ho.clearances(dataclasses.replace(motion, problem=problem)).pairs[0]
+        pair = ho.clearances(dataclasses.replace(motion, problem=problem), tolerance=TOLERANCE).pairs[0]
         assert pair.worst <= -DIAMETER / 2 + TOLERANCE
         assert pair.certified, pair.reason
 

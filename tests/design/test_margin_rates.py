@@ -28,6 +28,9 @@ QUERIED = 1e-3  # the same where coal is asked, whose distances end at 1e-6
 BETWEEN = 1e-2  # the same between cables: chords stand for them, which misses the nearest points by a little
 
 
+HELD = tuple(rotations.from_tangent((0.87, 0, -0.5), 0.0).tolist())  # by the part "clamp"
+
+
 def turned(*angles: float) -> tuple[float, ...]:
     return tuple(rotations.from_rotation_vector(np.array(angles)).tolist())
 
@@ -44,7 +47,7 @@ def problem() -> ho.Problem:
         "lead": ho.CableRun(
             lead,
             ho.End((0, 0, 0), tuple(rotations.from_tangent((0.87, 0, 0.5), 0.0).tolist()), body="a"),
-            ho.End((0.06, 0.03, 0.01), tuple(rotations.from_tangent((0.87, 0, -0.5), 0.0).tolist()), body="b"),
+            ho.End((0.06, 0.03, 0.01), HELD, body="b", holders=("clamp",)),
         ),
         "loom": ho.CableRun(
             loom,

@@ -186,7 +186,7 @@ def test_a_written_file_has_its_tolerances(here, tmp_path):
         ('"cables.lead.length"', '"cables.lead.lenght"', "did you mean 'cables.lead.length'?"),
         (
             '"cables.lead.length"',
-            '"cables.lead.start.tangent.x"',
+            '"cables.lead.density"',
             "expected weight_percent of the cable, or",
         ),
         ('"cables.lead.length"', '"limits.clearance"', "found a tolerance of what is no number that moves"),

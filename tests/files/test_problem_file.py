@@ -46,7 +46,7 @@ def test_contract_example(folder: Path) -> None:
     assert problem.title == "Lift arm, original design"
     assert problem.gravity == (0.0, 0.0, -9.81)
     assert lead.cable.mass_per_length == pytest.approx(5571 * math.pi * 3.1e-3**2)
-    assert lead.start == End(position=(0, 0.055, 0.12), quaternion=(1, 0, 0, 0))
+    assert lead.start == End(position=(0, 0.055, 0.12), tangent=(0, 0, 1), roll_deg=0)
     assert lead.end.body == "arm"
     assert problem.bodies["arm"].motion == Hinge((0, 0, 0.1), (0, 1, 0), 0.0, math.radians(110))
     assert problem.parts["housing"].shape == MeshFile(folder.resolve() / "meshes" / "housing.stl", "mm")
@@ -64,9 +64,9 @@ def test_minimal_file_takes_the_defaults(folder: Path) -> None:
     assert lead.cable == Cable(1.0, 0.01, (2.0, 3.0), 1.0)
     assert lead.end == End(force=(0, 0, -1), moment=(0, 1, 0))
     # d1 is y where the tangent lies along x; a quarter turn about x takes it to z
-    assert lead.start.quaternion is not None
-    np.testing.assert_allclose(rotations.matrix(lead.start.quaternion)[:, 0], [0, 0, 1], atol=1e-15)
-    np.testing.assert_allclose(rotations.tangent(lead.start.quaternion), [1, 0, 0], atol=1e-15)
+    assert lead.start.frame is not None
+    np.testing.assert_allclose(rotations.matrix(lead.start.frame)[:, 0], [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(rotations.tangent(lead.start.frame), [1, 0, 0], atol=1e-15)
     rest = dataclasses.replace(problem, cables={}, file=None, sha256=None)
     assert rest == Problem(cables={})
 

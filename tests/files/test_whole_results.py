@@ -125,7 +125,7 @@ def test_leftovers_go_unless_somebody_is_at_work_on_them(earlier, tmp_path):
     for name in (".out.1.part", ".out.2.part", ".out.x.part", ".other.1.part", ".out.3.before"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "summary.json").write_text(OURS)
-    with whole_folder.held(tmp_path / ".out.2.part"):
+    with whole_folder.locked(tmp_path / ".out.2.part"):
         write(earlier)
     assert sorted(hidden(tmp_path)) == [".other.1.part", ".out.2.part", ".out.x.part"]
     write(earlier)

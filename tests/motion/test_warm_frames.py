@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
+from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import CableFollower
 from harness_opt.numerics import rotations
 from harness_opt.numerics.linear import BENIGN, factorise
@@ -52,7 +53,7 @@ def swung(weight: float) -> ho.Problem:
 
 
 def test_a_frame_takes_two_steps_and_seldom_a_jacobian(counted):
-    follower = CableFollower(swung(30.0), "lead", np.linspace(0.0, 1.0, 101), "gauss-newton", 0, None)
+    follower = CableFollower(CableCases(swung(30.0), "lead", "gauss-newton"), np.linspace(0.0, 1.0, 101), 0, None)
     follower._append(follower._start(None, None))
     counted.update(residual=0, linearise=0)
     for _ in range(100):

@@ -31,6 +31,9 @@ class Sphere:
         gradient = self.slope + self.curvature @ q - multipliers[0] * q
         return Expansion(gradient, self.energy(q)[1], matrix.ravel()[order], 9, places, self.sparsity, np.ones(3))
 
+    def size(self, step):
+        return float(np.linalg.norm(step))
+
     def move(self, q, step):
         return q + step
 

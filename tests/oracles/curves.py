@@ -15,7 +15,9 @@ DIAMETER = 0.005
 def shapes(curves, length: float, count: int = 101) -> CableMotion:
     """A motion (P frames) of curves: functions s (n,) -> position, tangent, curvature vector (n, 3)."""
     s = np.linspace(0, length, count)
-    position, tangent, bend = (np.array(x) for x in zip(*(curve(s) for curve in curves), strict=True))
+    position, tangent, bend = (
+        np.array([curve(s)[k] for curve in curves]).reshape(len(curves), count, 3) for k in range(3)
+    )
     frames = rotations.shortest_arc([0.0, 0.0, 1.0], tangent)
     local = rotations.rotate(rotations.conjugate(frames), bend)
     # r'' = R (omega x e3)
@@ -62,9 +64,12 @@ def random_helices(rng, count):
 
 
 def runs(*names, bodies=("world", "world")):
-    run = CableRun(
-        Cable(LENGTH, DIAMETER, 1e-3, 1e-3),
-        End(position=(0, 0, 0), body=bodies[0]),
-        End(position=(0, 0, 0.3), body=bodies[1]),
-    )
-    return dict.fromkeys(names or ("lead",), run)
+    """Cables in clamps of their own, a decimetre apart."""
+    return {
+        name: CableRun(
+            Cable(LENGTH, DIAMETER, 1e-3, 1e-3),
+            End(position=(0.1 * k, 0, 0), body=bodies[0]),
+            End(position=(0.1 * k, 0, 0.3), body=bodies[1]),
+        )
+        for k, name in enumerate(names or ("lead",))
+    }

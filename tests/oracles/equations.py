@@ -11,14 +11,16 @@ from harness_opt.rod.boundary import Boundary, Kind
 from harness_opt.rod.collocation import BoundCollocation, collocation
 from harness_opt.rod.equations import Section
 
-KINDS = [Kind(*given) for given in itertools.product([True, False], repeat=4) if given[0] or given[2]]
+SWIVELS = [Kind(True, True, True, True, *swivel) for swivel in ((True, False), (False, True), (True, True))]
+KINDS = [Kind(*given) for given in itertools.product([True, False], repeat=4) if given[0] or given[2]] + SWIVELS
 ELEMENTS, STAGES = 3, 2
 
 
 def named(kind: Kind) -> str:
     start = ("position" if kind.start_position else "force") + "+" + ("frame" if kind.start_orientation else "moment")
     end = ("position" if kind.end_position else "force") + "+" + ("frame" if kind.end_orientation else "moment")
-    return f"{start}, {end}"
+    swivels = " swivel" * (kind.start_swivels + kind.end_swivels) + (" at the start" if kind.start_swivels else "")
+    return f"{start}, {end}{swivels}"
 
 
 def setup(kind: Kind, loaded: bool) -> tuple[dict, np.ndarray]:

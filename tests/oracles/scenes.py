@@ -73,4 +73,5 @@ def load_mesh(mesh, folder: Path, suffix: str = "stl", **pose):
     path = folder / f"mesh.{suffix}"
     mesh.export(path)
     unit = None if suffix == "glb" else "mm"
-    return load_scene(problem_with(Part(MeshFile(path, unit, shell=True), **pose))).parts["part"]
+    file = MeshFile(path, unit, shell=True, up="z")  # whatever its format says
+    return load_scene(problem_with(Part(file, **pose))).parts["part"]

@@ -39,8 +39,7 @@ class Story:
 
     def solve(self, cable, values):
         self.asked += list(values)
-        found = self.shapes(values)
-        return found.position, found.quaternion, np.ones(len(values), dtype=bool)
+        return self.shapes(values), ("",) * len(values)
 
     def points(self, t, s):
         return self.curve(t)(s)[0]

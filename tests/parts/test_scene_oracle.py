@@ -13,12 +13,13 @@ from harness_opt.errors import ProblemError
 from harness_opt.model.parts import Box, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
-from harness_opt.parts.scene import Mesh, load_scene
+from harness_opt.parts.nearest import Shell
+from harness_opt.parts.scene import load_scene
 from oracles.scenes import MESHES, POSE, SHAPES, load_mesh, problem_with
 from oracles.scripts import script
 
 
-def _brute(geometry: Mesh, points):
+def _brute(geometry: Shell, points):
     """Distances to every triangle, one point at a time: to its plane where the foot is inside, else edges."""
     a, b, c = geometry.vertices[geometry.faces].swapaxes(0, 1)
     normal = np.cross(b - a, c - a)
@@ -81,7 +82,7 @@ def test_mesh_against_every_triangle(name, tmp_path, rng):
     for local in (around, planes, surface):
         points = POSE["position"] + rotations.rotate(POSE["quaternion"], 1e-3 * local)
         distance, gradient, nearest = geometry.signed_distance(points)
-        exact = _brute(geometry, points)
+        exact = _brute(geometry.outer, points)
         np.testing.assert_allclose(np.abs(distance), exact, atol=1e-14)
         np.testing.assert_allclose(np.linalg.norm(points - nearest, axis=1), exact, atol=1e-14)
         np.testing.assert_allclose(np.linalg.norm(gradient, axis=1), 1.0, atol=1e-9)
@@ -124,8 +125,8 @@ def test_large_mesh_in_clusters(tmp_path, rng):
     shell = trimesh.util.concatenate([trimesh.creation.torus(40, 15, 120, 60), trimesh.creation.torus(40, 8, 60, 30)])
     shell.faces[14400:] = shell.faces[14400:, ::-1]  # hollow
     geometry = load_mesh(shell, tmp_path)
-    assert geometry.clusters is not None
-    assert np.array_equal(np.sort(np.concatenate(geometry.clusters.members)), np.arange(len(geometry.faces)))
+    assert geometry.winding.clusters is not None
+    assert np.array_equal(np.sort(np.concatenate(geometry.winding.clusters.members)), np.arange(len(geometry.faces)))
     points = rng.uniform(geometry.lower, geometry.upper, (400, 3))
     distance = geometry.signed_distance(points)[0]
     tube = np.hypot(np.hypot(points[:, 0], points[:, 1]) - 0.04, points[:, 2])
@@ -173,14 +174,14 @@ def test_absurd_answers_are_asked_again(tmp_path, rng, monkeypatch):
     geometry = load_mesh(MESHES["annulus"], tmp_path)
     points = rng.uniform(-0.05, 0.05, (20, 3))
     wanted = geometry.signed_distance(points)
-    honest = type(geometry.query).__call__
+    honest = type(geometry.shell.query).__call__
 
     def lying(self, points):
         claimed, face = honest(self, points)
         claimed[::3], claimed[1::3] = np.nan, -1.8e308
         return claimed, np.zeros_like(face)
 
-    monkeypatch.setattr(type(geometry.query), "__call__", lying)
+    monkeypatch.setattr(type(geometry.shell.query), "__call__", lying)
     for got, want in zip(geometry.signed_distance(points), wanted, strict=True):
         np.testing.assert_allclose(got, want, atol=1e-12)
 

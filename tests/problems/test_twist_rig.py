@@ -134,7 +134,7 @@ def test_three_turns_stay_in_the_cable():
     # 1080 degrees, three times what the paper's model allows, until shortly before the cable touches itself
     shipped = rig("twist_rig_134_5")
     run = shipped.cables["cable"]
-    end = dataclasses.replace(run.end, quaternion=run.start.quaternion, turns=3)
+    end = dataclasses.replace(run.end, roll_deg=run.start.roll_deg, turns=3)
     problem = dataclasses.replace(shipped, cables={"cable": dataclasses.replace(run, end=end)})
     motion = ho.simulate(problem, frames=at(*np.linspace(FAR, 0.4, 16)))
     assert_shown_shapes_are_sound(motion, 3.0)

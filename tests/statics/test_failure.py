@@ -13,7 +13,7 @@ from oracles.held import ALONG_X, CABLE, END, START, UP, moving
 
 def be_impatient(patch: pytest.MonkeyPatch) -> None:
     """Try only coarse meshes and long steps, so that giving up takes a second and not a minute."""
-    patch.setattr(continuation, "SMALLEST_STEP", 0.25)
+    patch.setattr(continuation, "LEAST_STEP", 0.25)
     patch.setattr(refinement, "ELEMENTS", (8, 12, 16))
 
 

@@ -14,8 +14,7 @@ from harness_opt.rod import equations as rod
 from harness_opt.rod.boundary import case
 from harness_opt.rod.long_elements import TERMS, LongElements
 from harness_opt.statics.cold_start import cold_start
-from harness_opt.statics.corrections import correct_to_rounding
-from harness_opt.statics.solve import solve_on
+from harness_opt.statics.solve import correct_to_rounding, solve_on
 
 CABLE = ho.Cable(1.0, 0.01, 1.0, 1.0)  # kx = ky = kz = 1 N m2
 

@@ -30,7 +30,7 @@ def test_a_row_is_what_simulate_finds(problem):
         one = ho.read_problem("one.toml")
         motion = ho.simulate(one)
         peer = all_limits(one, motion, ho.clearances(motion, load_scene(one)))
-        assert result.margins == {str(row.id): row.margin for row in peer}, "to the last bit"
+        assert result.margins == {str(row.id): row.margin for row in peer if np.isfinite(row.worst)}, "to the last bit"
         assert result.values == values
         assert (result.status, result.frames, result.stable) == ("ok", len(motion.motion), True)
         assert result.worst_limit == min(result.margins, key=lambda name: result.margins[name] / _scale(name))

@@ -1,0 +1,238 @@
+"""Bend radius, twist and clamp loads through a whole motion: how much worse they can be than in any solved frame.
+
+Between stations and between frames a quantity runs along the cubic through four of them, and is looked at on a grid of
+places in between. How far the true quantity can be from that is estimated as for centrelines
+(:mod:`harness_opt.clearance.moving_centreline`): by what the outermost of the four changes in the parabola through the
+other three, one order lower than the cubic's own error (Hairer, Norsett, Wanner, Solving Ordinary Differential
+Equations I, section II.4). Every frame solved between two others is compared with what was expected there, and raises
+the estimate where that was too small.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from harness_opt.clearance.limits import STRAIGHT, limit_row
+from harness_opt.clearance.solved_frames import NODES, SolvedFrames
+from harness_opt.clearance.witnesses import CROWDED, STOPPED, Task
+from harness_opt.model.limits import LimitId, LimitKind
+from harness_opt.model.results import CableMotion, LimitResult
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices
+
+AT_ONCE = 16  # frames that are solved at a time, where the bounds are highest
+MOST_INSERTED = 400  # frames for one limit
+RAISE = 1.5  # times what a solved frame was found to be beyond the estimate, for the frames around
+
+
+@dataclass(frozen=True, eq=False)
+class Cubics:
+    """Cubics through four neighbours of n places, a piece for each interval between two of them.
+
+    Args:
+        nodes: the numbers of the four, (n - 1, 4).
+        weights: of the four at m shares of the interval, its ends included, (n - 1, m, 4).
+        doubts: the weights of what leaving out either outer one changes, (n - 1, m, 4, 4); zero for the inner ones.
+    """
+
+    nodes: Indices
+    weights: Array
+    doubts: Array
+
+    @staticmethod
+    def of(x: Array, stretches: Sequence[tuple[int, int]], count: int) -> Cubics:
+        """Return the cubics through places ``x`` (n,), seen at ``count`` shares of each interval.
+
+        Args:
+            x: increasing.
+            stretches: first and last number of each run of at least four places across which all is smooth.
+            count: of shares.
+        """
+        pieces = len(x) - 1
+        if len(x) < NODES:  # no piece is known
+            nothing = np.zeros((pieces, count, NODES, NODES))
+            return Cubics(np.zeros((pieces, NODES), dtype=np.int64), nothing[..., 0], nothing)
+        nodes = np.clip(np.arange(pieces) - 1, 0, len(x) - NODES)[:, None] + np.arange(NODES)
+        for first, last in stretches:
+            inside = np.arange(first, last)
+            nodes[inside] = np.clip(inside - 1, first, last - NODES + 1)[:, None] + np.arange(NODES)
+        share = np.linspace(0.0, 1.0, count)
+        at = x[:-1, None] + np.diff(x)[:, None] * share
+        doubts = np.zeros((len(nodes), count, NODES, NODES))
+        places = x[nodes]
+        for left_out in range(NODES):
+            kept = [k for k in range(NODES) if k != left_out]
+            doubts[:, :, left_out, kept] = _lagrange(places[:, kept], at)
+        weights = _lagrange(places, at)
+        outer = (places < x[:-1, None]) | (places > x[1:, None])
+        doubts = np.where(outer[:, None, :, None], doubts - weights[:, :, None], 0.0)
+        return Cubics(nodes, weights, doubts)
+
+    def values(self, v: Array) -> Array:
+        """Return what quantities ``v`` (n, ...) are at the shares of all intervals, (n - 1, m, ...)."""
+        found: Array = np.einsum("kmi,ki...->km...", self.weights, v[self.nodes])
+        return found
+
+    def doubt(self, v: Array) -> Array:
+        """Return how far quantities ``v`` (n, ..., c) can be from the cubics, by interval, (n - 1, ...)."""
+        changes = np.linalg.norm(np.einsum("kmoi,ki...->kmo...", self.doubts, v[self.nodes]), axis=-1)
+        found: Array = changes.max(axis=(1, 2))
+        return found
+
+
+def _lagrange(nodes: Array, at: Array) -> Array:
+    """Return Lagrange's weights (k, m, j) of ``nodes`` (k, j) at places ``at`` (k, m)."""
+    weights = np.ones((*at.shape, nodes.shape[1]))
+    for i in range(nodes.shape[1]):
+        for j in range(nodes.shape[1]):
+            if i != j:
+                weights[:, :, i] *= (at - nodes[:, j, None]) / (nodes[:, i] - nodes[:, j])[:, None]
+    return weights
+
+
+def quantity(kind: LimitKind, shapes: CableMotion | SolvedFrames) -> Array:
+    """Return the vectors whose length a limit is about, (P, N, c), or (P, 2, 3) at the clamps."""
+    if kind is LimitKind.CLAMP_FORCE:
+        return shapes.force[:, [0, -1]] if isinstance(shapes, CableMotion) else shapes.clamp_force
+    if kind is LimitKind.CLAMP_MOMENT:
+        return shapes.moment[:, [0, -1]] if isinstance(shapes, CableMotion) else shapes.clamp_moment
+    return shapes.curvature[..., :2] if kind is LimitKind.BEND_RADIUS else shapes.curvature[..., 2:]
+
+
+def certified_limit(which: LimitId, limit: float, shapes: CableMotion, frames: SolvedFrames, task: Task) -> LimitResult:
+    """Return the row of a limit of one cable, certain through the whole motion where that can be had.
+
+    Args:
+        which: a limit of a cable alone.
+        limit: SI.
+        shapes: of the frames of the motion.
+        frames: the same, and those solved between them; more are added.
+        task: of the cable: whether to stop.
+    """
+    frames.complete()
+    search = _Search(which.kind, 1.0 / limit if which.kind is LimitKind.BEND_RADIUS else limit, frames)
+    why = search.run(task)
+    row = limit_row(which, limit, shapes.frames(slice(len(frames.given))), frames.given)
+    at, arc, worst, bound = search.worst_time, search.worst_arc, search.worst, search.bound
+    if which.kind is LimitKind.BEND_RADIUS:
+        worst, bound = 1.0 / max(worst, STRAIGHT), 1.0 / max(bound, STRAIGHT)
+    return replace(
+        row,
+        worst=worst,
+        margin=worst - limit if which.kind.is_least else limit - worst,
+        frame=int(np.argmin(np.abs(frames.given - at))),
+        motion=at,
+        arc_length=arc,
+        certified=not why,
+        tolerance=abs(bound - worst),
+        reason=why,
+    )
+
+
+class _Search:
+    """Solves frames between those of a motion until a quantity is known well enough: values where large is bad."""
+
+    def __init__(self, kind: LimitKind, limit: float, frames: SolvedFrames):
+        self._kind, self._limit, self._frames = kind, limit, frames
+        self._along = kind in (LimitKind.BEND_RADIUS, LimitKind.TWIST)
+        arcs = frames.s if self._along else np.arange(2.0)
+        self._arcs = Cubics.of(arcs, [(0, len(arcs) - 1)], 5) if self._along else None
+        self._trust = np.ones(max(len(frames.given) - 1, 1))
+        self._look()
+
+    @property
+    def _wanted(self) -> float:
+        """How far the bound may lie above the largest value: a hundredth of the limit, or half of what is to spare.
+
+        Less where that decides; more where the limit is violated beyond doubt.
+        """
+        usual, least, spare = 1e-2 * self._limit, 1e-4 * self._limit, self._limit - self.worst
+        if spare < 0:
+            return max(usual, -0.1 * spare)
+        return max(usual, 0.5 * spare) if spare > usual else max(spare, least)
+
+    def run(self, task: Task) -> str:
+        """Solve frames where the bound is too high; return why it stays so, or nothing."""
+        frames, inserted, broken = self._frames, 0, self._frames.broken
+        while True:
+            high = np.flatnonzero(self._bounds > self.worst + self._wanted)
+            high = high[np.argsort(-self._bounds[high], kind="stable")][:AT_ONCE]
+            if not len(high):
+                break
+            if task.stop():
+                return STOPPED
+            if inserted + len(high) > MOST_INSERTED:
+                return CROWDED
+            inserted += len(high)
+            count = len(frames.times)
+            self._insert(0.5 * (frames.times[high] + frames.times[high + 1]))
+            if len(frames.times) == count:  # nothing can be solved there
+                break
+        broken = frames.broken
+        return "; ".join(dict.fromkeys(frames.why_broken(int(k)) for k in np.flatnonzero(broken)))
+
+    def _given(self, at: Array) -> Indices:
+        """Return the intervals (k,) between frames of the simulation that hold motion values ``at`` (k,)."""
+        return np.clip(np.searchsorted(self._frames.given, at, side="right") - 1, 0, len(self._trust) - 1)
+
+    def _insert(self, values: Array) -> None:
+        """Solve frames at ``values`` (k,), and raise the estimates around those that lie beyond them."""
+        frames, before, bounds = self._frames, self._frames.times, self._bounds
+        frames.insert(values)
+        new = np.flatnonzero(~np.isin(frames.times, before))
+        if not len(new):
+            self._look()
+            return
+        found = np.linalg.norm(quantity(self._kind, frames)[new], axis=-1).max(axis=1)
+        where = np.clip(np.searchsorted(before, frames.times[new], side="right") - 1, 0, len(before) - 2)
+        room = np.maximum(self._doubts[where], 1e-12 * self._limit)
+        over = 1.0 + np.maximum(found - bounds[where], 0.0) / room
+        for near in (-1, 0, 1):
+            k = self._given(frames.times[new]) + near
+            inside = (k >= 0) & (k < len(self._trust)) & (over > 1.0)
+            np.maximum.at(self._trust, k[inside], RAISE * over[inside])
+        self._look()
+
+    def _look(self) -> None:
+        """Find the largest value of all frames, and bounds (P - 1,) between them."""
+        frames = self._frames
+        vectors = quantity(self._kind, frames)
+        size = np.linalg.norm(vectors, axis=-1)
+        frame, place = np.unravel_index(int(np.argmax(size)), size.shape)
+        self.worst, self.worst_time = float(size[frame, place]), float(frames.times[frame])
+        self.worst_arc = float(frames.s[place] if self._along else frames.s[[0, -1][place]])
+        fine, doubt = vectors, np.zeros(size.shape[1:])
+        if self._arcs is not None:
+            across = np.moveaxis(vectors, 1, 0)
+            fine = np.moveaxis(self._arcs.values(across), 2, 0)
+            fine = fine.reshape(len(fine), -1, fine.shape[-1])
+            doubt = np.repeat(self._arcs.doubt(across).T, 5, axis=1)
+        here = (np.linalg.norm(fine, axis=-1) + doubt).max(axis=1)
+        if len(frames.times) < 2:
+            self._bounds, self._doubts, self.bound = np.zeros(0), np.zeros(0), float(here.max())
+            return
+        broken = frames.broken
+        stretches = [(a, b) for a, b in frames.stretches() if b - a + 1 >= NODES]
+        times = Cubics.of(frames.times, stretches, 9)
+        known = np.zeros(len(broken), dtype=bool)
+        for a, b in stretches:
+            known[a:b] = True
+        self._bounds, self._doubts = np.full(len(broken), -math.inf), np.zeros(len(broken))
+        block = 64  # intervals at a time: each takes some megabytes meanwhile
+        for first in range(0, len(broken), block):
+            some = slice(first, first + block)
+            part = Cubics(times.nodes[some], times.weights[some], times.doubts[some])
+            level = np.linalg.norm(part.values(fine), axis=-1)
+            bulge = 0.125 * np.abs(np.diff(level, n=2, axis=1)).max(axis=1, initial=0.0)
+            unsure = part.doubt(fine)
+            trust = self._trust[self._given(0.5 * (frames.times[1:] + frames.times[:-1])[some])][:, None]
+            edge = np.maximum(doubt[:-1][some], doubt[1:][some]) if doubt.ndim == 2 else doubt
+            total = bulge + trust * unsure + edge
+            self._bounds[some] = (level.max(axis=1) + total).max(axis=1)
+            self._doubts[some] = total.max(axis=1)
+        self._bounds[~known | broken] = -math.inf
+        self.bound = float(max(here.max(), self._bounds.max(initial=-math.inf)))

@@ -1,0 +1,111 @@
+"""Whether points lie inside a closed triangle mesh: generalised winding numbers, of large meshes by clusters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices, dots, lengths
+from harness_opt.parts.orientation import PAIRS_AT_A_TIME, winding_numbers
+
+FEW_FACES = 5_000  # up to here a winding number is summed triangle by triangle
+DIPOLE_FROM = 2.5  # radii of a cluster beyond which it is a dipole: wrong by 0.03 turns at most where measured
+WHOLE = 0.2  # turns: a sum of dipoles this near to a whole number is taken for it, else every triangle is summed
+
+
+@dataclass(frozen=True, eq=False)
+class Winding:
+    """The winding numbers of closed triangles.
+
+    Large meshes are summed by clusters, the far ones as dipoles: Barill et al., "Fast winding numbers for soups and
+    clouds", ACM Trans. Graph. 37 (2018), with one level of clusters. The true number is whole: so the sum itself
+    shows whether that was good enough.
+
+    Args:
+        vertices: (k, 3), m.
+        faces: (m, 3), vertex numbers; every edge is run through as often one way as the other.
+        areas: (m, 3), twice the area vectors, m2.
+        clusters: of the triangles where there are many, else None.
+    """
+
+    vertices: Array
+    faces: Indices
+    areas: Array
+    clusters: Clusters | None = field(repr=False)
+
+    @staticmethod
+    def of(vertices: Array, faces: Indices, areas: Array, few: int = FEW_FACES) -> Winding:
+        """Return the winding numbers of triangles, in clusters where they are more than ``few``; else as the class."""
+        clusters = Clusters.of(vertices[faces], areas) if len(faces) > few else None
+        return Winding(vertices, faces, areas, clusters)
+
+    def exact(self, points: Array) -> Array:
+        """Return the winding numbers (n,) of ``points`` (n, 3), m, every triangle summed."""
+        return winding_numbers(points, self.vertices[self.faces], self.areas)
+
+    def turns(self, points: Array) -> Array:
+        """Return the winding numbers (n,) of ``points`` (n, 3), m, which lie off the surface; whole numbers."""
+        if self.clusters is None:
+            return np.rint(self.exact(points))
+        step = max(1, PAIRS_AT_A_TIME // len(self.clusters.members))
+        blocks = [self._turns(self.clusters, points[first : first + step]) for first in range(0, len(points), step)]
+        return np.concatenate([np.zeros(0), *blocks])
+
+    def holds(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether ``points`` (n, 3), m, off the surface, are inside (n,): whether their number is not 0."""
+        held: NDArray[np.bool_] = self.turns(points) != 0
+        return held
+
+    def _turns(self, clusters: Clusters, points: Array) -> Array:
+        """Return the winding numbers (n,) of ``points`` (n, 3), m, not many at once."""
+        offset = clusters.centre - points[:, None]
+        distance = lengths(offset)
+        near = distance < DIPOLE_FROM * clusters.radius
+        dipoles = dots(clusters.area, offset) / np.where(near, np.inf, distance) ** 3
+        turns = dipoles.sum(axis=1) / (4 * np.pi)
+        if len(points) == 1:  # all near clusters in one
+            groups = [np.concatenate([clusters.members[k] for k in np.flatnonzero(near[0])])] if np.any(near) else []
+            asked = [np.zeros(1, dtype=np.int64)] * len(groups)
+        else:
+            groups = list(clusters.members)
+            asked = [np.flatnonzero(column) for column in near.T]
+        for some, who in zip(groups, asked, strict=True):
+            if len(who):
+                turns[who] += winding_numbers(points[who], self.vertices[self.faces[some]], self.areas[some])
+        doubtful = np.abs(turns - np.rint(turns)) >= WHOLE
+        if np.any(doubtful):
+            turns[doubtful] = self.exact(points[doubtful])
+        whole: Array = np.rint(turns)
+        return whole
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """Neighbouring triangles, k times: face numbers, area vectors (k, 3), m2, and balls about them."""
+
+    members: tuple[Indices, ...]
+    area: Array
+    centre: Array
+    radius: Array
+
+    @staticmethod
+    def of(corners: Array, areas: Array) -> Clusters:
+        """Split faces (m, 3, 3), (m, 3) at the median along the longest side, into about sqrt(m) clusters."""
+        middle = corners.mean(axis=1)
+        members = [np.arange(len(areas))]
+        for _ in range(round(0.5 * math.log2(len(areas)))):
+            along = [middle[group, np.argmax(np.ptp(middle[group], axis=0))] for group in members]
+            members = [
+                half
+                for group, x in zip(members, along, strict=True)
+                for half in np.array_split(group[np.argpartition(x, len(x) // 2)], 2)
+            ]
+        weights = lengths(areas)
+        centre = np.array([np.average(middle[group], axis=0, weights=weights[group]) for group in members])
+        radius = [lengths(corners[group] - at).max() for group, at in zip(members, centre, strict=True)]
+        area = np.array([0.5 * areas[group].sum(axis=0) for group in members])
+        return Clusters(tuple(members), area, centre, np.array(radius))
