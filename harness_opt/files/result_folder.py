@@ -39,6 +39,8 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
         return None
     ours = isinstance(summary, dict) and summary.get("command") in COMMANDS
     ours = ours and isinstance(summary.get("versions"), dict) and "harness-opt" in summary["versions"]
+    files = summary.get("files", []) if ours else []
+    ours = ours and isinstance(files, list) and all(isinstance(name, str) for name in files)
     return summary if ours else None
 
 

@@ -105,6 +105,14 @@ def test_results_with_pipes_for_files(here: Path, result: Path, name: str) -> No
     assert main(["export", str(result), "--to", "csv"]) == 2
 
 
+@pytest.mark.parametrize("files", [5, {"a": 1}, [1.5], [None, "motion.npz"], "motion.npz"])
+def test_a_summary_with_files_that_are_none(result: Path, files: object) -> None:
+    content = json.loads((result / "summary.json").read_text()) | {"files": files}
+    (result / "summary.json").write_text(json.dumps(content))
+    assert main(["export", str(result), "--to", "csv"]) == 2
+    assert main(["simulate", "flap.toml", *PLAIN, "-q", "-o", "out"]) == 2, "no result of ours gives way"
+
+
 @pytest.mark.parametrize("content", [b"\xff", b"[]", b'{"command": "simulate"}', b'{"a":' * 10_000])
 def test_summaries_that_are_none(result: Path, content: bytes) -> None:
     (result / "summary.json").write_bytes(content)
