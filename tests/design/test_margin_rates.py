@@ -47,7 +47,7 @@ def problem() -> ho.Problem:
         "lead": ho.CableRun(
             lead,
             ho.End((0, 0, 0), tuple(rotations.from_tangent((0.87, 0, 0.5), 0.0).tolist()), body="a"),
-            ho.End((0.06, 0.03, 0.01), HELD, body="b", holders=("clamp",)),
+            ho.End((0.06, 0.03, 0.01), HELD, turns=-2, body="b", holders=("clamp",)),
         ),
         "loom": ho.CableRun(
             loom,
