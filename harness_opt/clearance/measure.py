@@ -34,7 +34,7 @@ from harness_opt.clearance.solved_frames import SolvedFrames
 from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
 from harness_opt.clearance.to_part import against_part, places
 from harness_opt.clearance.what_counts import domains, least_gap, let_off
-from harness_opt.clearance.witnesses import LONG, Certificate, Found, Task, Witnesses, never
+from harness_opt.clearance.witnesses import DECIDES, LONG, Certificate, Found, Task, Witnesses, never
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
@@ -145,9 +145,11 @@ def _against_parts(
 
 def _against_cable(given: Motion, own: Task, other: Task, views: _Views | None) -> PairClearance:
     """Return the clearance of one cable to another, or to itself."""
-    # the cubics of both centrelines are off, those of a cable against itself twice
-    task = replace(own, limit=given.problem.limits.clearance, error=own.error + other.error)
     itself = own.cable == other.cable
+    # A cable is nearly as near to itself all along where it bends evenly: whether it keeps its limit is what is asked.
+    enough = DECIDES if itself else 0.0
+    # the cubics of both centrelines are off, those of a cable against itself twice
+    task = replace(own, limit=given.problem.limits.clearance, error=own.error + other.error, enough=enough)
     obstacle = Obstacle(other.cable, is_cable=True)
     if itself and least_gap(task) >= task.curve.s[-1]:
         return _never_near(given, task, obstacle)

@@ -72,6 +72,7 @@ class Task:
         tolerance, reach, most_queries: as in :class:`harness_opt.clearance.pairs.Options`, m.
         limit: m, or None.
         strict: whether the tolerance holds for what is far away too.
+        enough: share of a margin to which it suffices to know a clearance that is no nearer than its limit.
         stop: asked again and again while the motion is searched; True ends the search without a certificate.
     """
 
@@ -84,6 +85,7 @@ class Task:
     most_queries: int
     limit: float | None = None
     strict: bool = False
+    enough: float = 0.0
     stop: Callable[[], bool] = never
 
     @property
@@ -106,7 +108,7 @@ class Task:
         if clearance > self.far:
             return max(self.tolerance, FAR_SHARE * clearance)
         if self.limit is None or margin >= self.tolerance:
-            return self.tolerance
+            return self.tolerance if self.strict else max(self.tolerance, self.enough * margin)
         if margin < 0:
             return self.tolerance if self.strict else max(self.tolerance, BEYOND_DOUBT * -margin)
         return max(DECIDES * margin, FINEST * self.tolerance)

@@ -48,7 +48,13 @@ def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, Motion | None, 
         if not 0.0 <= worst <= 1.0:
             raise ValueError(f"a limit at motion {worst:g}")
         snaps = tuple(
-            Snap(str(snap["cable"]), int(snap["frame"]), float(snap["motion"])) for snap in summary.get("snaps", ())
+            Snap(
+                str(snap["cable"]),
+                int(snap["frame"]),
+                float(snap["motion"]),
+                bool(snap.get("passes_through_itself", False)),
+            )
+            for snap in summary.get("snaps", ())
         )
     except OSError as error:
         raise HarnessError(f"{folder}: found no {error.filename or error}, expected a result folder") from error

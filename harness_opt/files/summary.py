@@ -95,6 +95,7 @@ class SnapEntry(TypedDict):
     cable: str
     frame: int
     motion: float
+    passes_through_itself: Annotated[bool, _said("Whether it lost a turn on the way: not without contact")]
 
 
 class ProblemEntry(TypedDict):

@@ -43,7 +43,7 @@ from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import LimitResult, Motion
+from harness_opt.model.results import LimitResult, Motion, Snap
 from harness_opt.numerics.rotations import Array
 from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
 
@@ -121,7 +121,7 @@ def summary(
         "open_meshes": sorted({pair.obstacle.name for pair in measured.pairs if not pair.closed}),
         "frames_solved_between": dict(measured.inserted),
         "data_sheet": {name: _sheet(sheet) for name, sheet in data_sheets(motion).items()},
-        "snaps": [SnapEntry(cable=snap.cable, frame=snap.frame, motion=snap.motion) for snap in motion.snaps],
+        "snaps": [_snap(snap) for snap in motion.snaps],
         "stable": bool(motion.cables) and all(np.all(cable.stable) for cable in motion.cables.values()),
         "equilibrium": {
             "max_residual": _largest(cable.residual for cable in motion.cables.values()),
@@ -136,6 +136,15 @@ def summary(
         content["redesign"] = redesign_summary(result)
     found: Summary = _strict(content)
     return found
+
+
+def _snap(snap: Snap) -> SnapEntry:
+    return SnapEntry(
+        cable=snap.cable,
+        frame=snap.frame,
+        motion=snap.motion,
+        passes_through_itself=snap.passes_through_itself,
+    )
 
 
 def timed(result: Motion | Redesign, **seconds: float) -> Any:

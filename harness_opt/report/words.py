@@ -178,7 +178,8 @@ def notes(summary: Summary) -> Iterable[str]:
     """Give what to know about a summary, a sentence each."""
     for snap in summary["snaps"]:
         at = f"motion {percent(snap['motion'])} (frame {snap['frame']})"
-        yield f"Cable {snap['cable']} snaps to another shape at {at}."
+        through = ", through itself," if snap["passes_through_itself"] else ""
+        yield f"Cable {snap['cable']} snaps to another shape{through} at {at}."
     if summary["frames"] and not summary["stable"]:
         yield "Some frames show an unstable shape."
     yield from _certainty(summary)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
+from harness_opt.clearance.limits import all_limits
 from harness_opt.cli.commands import main
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.results import LimitResult
@@ -21,7 +22,7 @@ CASES = ROOT / "tests" / "reference" / "verdict"
 
 def rows_of(name: str) -> dict[str, LimitResult]:
     motion = ho.simulate(ho.read_problem(CASES / f"{name}.toml"))
-    return {str(row.id): row for row in ho.clearances(motion).limits}
+    return {str(row.id): row for row in all_limits(motion.problem, motion, ho.clearances(motion))}
 
 
 # --- between frames -------------------------------------------------------------------------------------
@@ -113,6 +114,18 @@ def test_a_holder_must_not_be_entered_again():
     (row,) = [row for row in ho.clearances(ho.simulate(problem)).limits if row.part == "wall"]
     assert row.holds == "no" and row.worst == pytest.approx(-0.004, abs=5e-4), "half the wall and the radius"
     assert row.arc_length == pytest.approx(0.03, abs=0.002)
+
+
+# --- turns ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["turns", "turns3"])
+def test_a_cable_that_lost_turns_has_gone_through_itself(name, here):
+    """Let go without contact, the hose ends untwisted: that is no answer to four turns, or three."""
+    assert rows_of(name)["clearance.hose.cable:hose"].holds == "no"
+    text = (CASES / f"{name}.toml").read_text(encoding="utf-8")
+    Path("free.toml").write_text(text.replace("clearance = 0.001\n", ""), encoding="utf-8")
+    assert main(["simulate", "free.toml", "--no-pictures", "-q"]) == 3
 
 
 # --- names ----------------------------------------------------------------------------------------------
