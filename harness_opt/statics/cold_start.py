@@ -201,12 +201,37 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str, wound: Wo
         wound: a curve to begin with that has the turns asked for, in place of ``turns``.
     """
     unstable = lost = None
+    changes = list[int]()
     for asked, found in _starts(case, turns, bow, solver, wound):
         stable = stabilised(found, solver)
-        if turns_lost(case.boundary.kind, asked, links_of((stable or found).rod)):
+        change = turns_lost(case.boundary.kind, asked, links_of((stable or found).rod))
+        if change:
+            changes.append(change)
             lost = lost or dataclasses.replace(stable or found, passed=True)
         elif stable is not None:
             return stable
         else:
             unstable = unstable or found
-    return lost or unstable
+    won_back = _won_back(case, turns, bow, solver, wound, changes[0]) if changes else None
+    return won_back or lost or unstable
+
+
+def _won_back(
+    case: Case, turns: int, bow: Array | None, solver: str, wound: Wound | None, change: int
+) -> Solved | None:
+    """Return a stable shape with the turns asked for, begun with as many more as were lost; None where they go again.
+
+    A cable soft in torsion loses them where its starting curve is thrown over on the way, and has room for others.
+
+    Args:
+        case, turns, bow, solver, wound: as in :func:`cold_start`.
+        change: what :func:`harness_opt.rod.link.turns_lost` says of the first shape.
+    """
+    wish = next(iter(_bows(case, bow)))
+    own = turns if wound is None else whole_turns(case, wish, wound)
+    asked = wound_curve(case, own, wish).links
+    for found in from_curve(case, own - change, wish, solver):
+        stable = stabilised(found, solver)
+        if stable is not None and not turns_lost(case.boundary.kind, asked, links_of(stable.rod)):
+            return stable
+    return None

@@ -52,6 +52,7 @@ METHODS = tuple((transcription, solver) for transcription in TRANSCRIPTIONS for 
 
 REFINED = (1e-12, 1e-11)  # tolerances of the solve that an error is measured against: the first that is reached
 TIMEOUT, CRASHED = "timeout", "crashed"
+CONTACT = "contact"  # every shape found had lost turns by going through itself
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,6 +78,8 @@ class Row:
         """One of OUTCOMES."""
         if self.status in (TIMEOUT, CRASHED):
             return self.status
+        if self.status == Status.NOT_WITHOUT_CONTACT.name:
+            return CONTACT
         if self.status != Status.OK.name:
             return "refused"
         if self.complaints:
@@ -84,7 +87,7 @@ class Row:
         return "stable" if self.stable else "unstable"
 
 
-OUTCOMES = ("stable", "unstable", "refused", TIMEOUT, "rejected", CRASHED)
+OUTCOMES = ("stable", "unstable", CONTACT, "refused", TIMEOUT, "rejected", CRASHED)
 
 
 def solve(case: Case, transcription: str, solver: str, *, compare: bool = True) -> Row:
@@ -270,7 +273,7 @@ def draw(rows: list[Row], folder: Path) -> list[Path]:
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    shades = ("#4c9f70", "#e3c567", "#d9d9d9", "#9a9a9a", "#c0392b", "#6c3483")
+    shades = ("#4c9f70", "#e3c567", "#6f9fd8", "#d9d9d9", "#9a9a9a", "#c0392b", "#6c3483")
     colours = ListedColormap(shades)
     legend = [Patch(color=shade, label=outcome) for shade, outcome in zip(shades, OUTCOMES, strict=True)]
     found = {(row.case.name, row.transcription, row.solver): row for row in rows}
