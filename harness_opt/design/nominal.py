@@ -14,23 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.clearance.limits import all_limits
-from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.design.beginning import beginning
 from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
 from harness_opt.design.objective import Objective, objective_of
 from harness_opt.design.prices import Price, prices
 from harness_opt.design.relaxations import Relaxation, relaxations
 from harness_opt.design.result import AtBound, Earlier, Redesign, VariableResult
-from harness_opt.design.search import Verified, verified
-from harness_opt.design.sqp import Step
+from harness_opt.design.search import verified
+from harness_opt.design.sqp import Step, stationary
 from harness_opt.design.trade_off import TradeOff, check_pair, trade_off
+from harness_opt.design.verification import Verified
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.motion.follower import Progress
-from harness_opt.motion.simulate import simulate
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.parts.scene import load_scene
@@ -106,8 +106,8 @@ def nominal_redesign(
         throw: raise where no shape can be found, or return the failed result.
 
     Raises:
-        ProblemError: no variables or no limits; a mesh that cannot be used.
-        SolveError: the original design cannot be simulated, not even moved inside its bounds.
+        ProblemError: no variables or no limits; a mesh that cannot be used; a cable too short within all bounds.
+        SolveError: no design that was looked at within the bounds can be simulated.
     """
     check_design(problem)
     if pareto is not None:
@@ -118,22 +118,17 @@ def nominal_redesign(
     evaluate, objective = Evaluator(problem, scene, solver, progress), objective_of(problem)
     for limit, margin in (asked or {}).items():
         evaluate.asked[limit] += margin
-    moved = design_variables.moved(problem)
-    first = evaluate(_begin(problem, objective, earlier), None)
-    if moved or earlier or first is None:
-        motion_before = simulate(problem, solver=solver, progress=progress, throw=False)
-        clearances_before = measure(problem, scene, motion_before.motion, motion_before.cables)
-    else:
-        motion_before, clearances_before = first.motion, first.clearances
-    limits_before = all_limits(problem, motion_before, clearances_before) if len(motion_before.motion) else ()
+    begun = beginning(evaluate, objective, _begin(problem, objective, earlier))
+    first = begun.first
     status, message = Status.OK, ""
     log = _Log(first, earlier, watch)
     curve: TradeOff | None = None
     told: tuple[tuple[Relaxation, ...], tuple[Price, ...]] = ((), ())
     if first is None:
-        status = Status.STEP_TOO_SMALL if motion_before.ok else motion_before.status
-        message = motion_before.message or "the design moved inside its bounds cannot be simulated"
-        ends = _Ends(design_variables.values(problem), motion_before, clearances_before, limits_before, (), False)
+        status = Status.STEP_TOO_SMALL if begun.motion.ok else begun.motion.status
+        message = begun.motion.message or f"none of {evaluate.count} designs within the bounds can be simulated"
+        nothing = ClearanceResult(begun.motion.motion, ())
+        ends = _Ends(design_variables.values(problem), begun.motion, nothing, begun.limits or (), (), False)
     else:
         try:
             found = verified(evaluate, objective, first, log)
@@ -157,13 +152,16 @@ def nominal_redesign(
         motion=ends.motion,
         clearances=ends.clearances,
         limits=ends.rows,
-        limits_before=limits_before,
-        motion_before=motion_before,
+        limits_before=begun.limits,
+        motion_before=begun.motion,
         variables=variables,
         iterations=len(log.history),
         history=tuple(log.history),
         active=ends.active,
-        moved=moved,
+        looked_at=evaluate.count,
+        moved=design_variables.moved(problem),
+        short=begun.short,
+        optimal=ends.optimal,
         relaxations=told[0],
         prices=told[1],
         feasible=status.ok and ends.holds,
@@ -198,12 +196,14 @@ class _Ends:
     rows: tuple[LimitResult, ...]
     active: tuple[LimitId | AtBound, ...]
     holds: bool
+    optimal: bool = False
 
 
 def _ends_of(found: Verified, problem: Problem, objective: Objective) -> _Ends:
     holds = found.holds(snaps=objective.snaps)
-    active = _active(found.trial, problem, objective)
-    return _Ends(found.trial.values, found.motion, found.clearances, found.rows, active, holds)
+    active = _active(found.unrounded, problem, objective)
+    optimal = holds and stationary(objective, found.unrounded)
+    return _Ends(found.trial.values, found.motion, found.clearances, found.rows, active, holds, optimal)
 
 
 def _unverified(best: Evaluated, problem: Problem, objective: Objective) -> _Ends:
@@ -216,5 +216,5 @@ def _reasons(
 ) -> tuple[tuple[Relaxation, ...], tuple[Price, ...]]:
     """Return what would have to give where a limit is violated, and what limits and bounds cost where none is."""
     if found.holds(snaps=objective.snaps):
-        return (), prices(evaluate.problem, objective, found.trial)
-    return relaxations(evaluate, objective, found.trial, log), ()
+        return (), prices(evaluate.problem, objective, found.unrounded)
+    return relaxations(evaluate, objective, found.unrounded, log), ()

@@ -19,11 +19,12 @@ from harness_opt.design.margins import Rows
 from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
-from harness_opt.numerics.quadratic_program import Program
+from harness_opt.numerics.quadratic_program import PENALTY, Program
 from harness_opt.numerics.rotations import Array
 
 Limits = tuple[LimitId | None, ...]
 
+CLOSE = 0.01  # of an objective: a design that is better by less is not worth a descent
 ROWS = 400  # most linearised limits in a quadratic program, the tightest first
 
 
@@ -93,24 +94,42 @@ class Objective:
         return 0.5 * float(self.weights @ change**2) + float(self.gradient @ ((values - self.lower) / self.range))
 
     def _is_soft(self, rows: Rows) -> NDArray[np.bool_]:
-        if self.soft is None:
-            return np.ones(len(rows.limit), dtype=bool)
-        return np.array([limit in self.soft for limit in rows.limit], dtype=bool)
+        is_soft = (limit is not None and (self.soft is None or limit in self.soft) for limit in rows.limit)
+        return np.fromiter(is_soft, dtype=bool, count=len(rows.limit))
 
-    def value(self, trial: Evaluated) -> float:
-        """Return the objective of ``trial``, of order one."""
-        smooth = self.preference(trial.values)
+    def value(self, trial: Evaluated, values: Array | None = None) -> float:
+        """Return the objective of ``trial``, of order one; to first order of ``values`` (k,) near it, where given."""
+        at, margin = _near(trial, values)
+        smooth = self.preference(at)
         soft = self._is_soft(trial.rows)
         if not np.any(soft) and self.beyond is None:
             return smooth
-        shortfall = max(float(np.max(-trial.rows.margin[soft], initial=-np.inf)), self.excess(trial.values))
+        shortfall = max(float(np.max(-margin[soft], initial=-np.inf)), self.excess(at))
         return smooth + max(shortfall, self.floor)
 
-    def violation(self, trial: Evaluated) -> float:
-        """Return by how much, in scales of a limit, the worst hard limit misses what is asked for; snaps on top."""
+    def violation(self, trial: Evaluated, values: Array | None = None) -> float:
+        """Return by how much, in scales of a limit, the worst hard limit misses what is asked for; snaps on top.
+
+        To first order of ``values`` (k,) near ``trial``, where given.
+        """
         hard = ~self._is_soft(trial.rows)
-        worst = float(np.max(-trial.rows.margin[hard], initial=0.0))
+        worst = float(np.max(-_near(trial, values)[1][hard], initial=0.0))
         return worst + (0.0 if self.snaps else SNAP_COST * len(trial.motion.snaps))
+
+    def merit(self, trial: Evaluated, values: Array | None = None) -> float:
+        """Return what is the less the better: the objective, and far more than that the violation."""
+        return self.value(trial, values) + PENALTY * self.violation(trial, values)
+
+    def could_beat(self, best: Evaluated, values: Array) -> bool:
+        """Return whether the part of the objective that ``values`` (k,) alone decide leaves room below ``best``."""
+        return bool(np.any(self._is_soft(best.rows))) or self.preference(values) < (1.0 - CLOSE) * self.value(best)
+
+    def box_below(self, best: Evaluated) -> tuple[Array, Array]:
+        """Return the corners (k,), (k,) of a box within the bounds with every design in it that changes less."""
+        most = np.full(len(self.range), np.inf)
+        changing = (self.weights > 0.0) & (not np.any(self.gradient)) & (not np.any(self._is_soft(best.rows)))
+        most[changing] = np.sqrt(2.0 * self.value(best) / self.weights[changing]) * self.range[changing]
+        return np.maximum(self.lower, self.centre - most), np.minimum(self.upper, self.centre + most)
 
     def held(self, trial: Evaluated) -> bool:
         """Return whether the hard limits hold."""
@@ -175,6 +194,13 @@ class Objective:
         return dataclasses.replace(
             self, weights=none, gradient=none, soft=limits, floor=-np.inf, beyond=None, aim="largest margin"
         )
+
+
+def _near(trial: Evaluated, values: Array | None) -> tuple[Array, Array]:
+    """Return ``values`` (k,), None for those of ``trial``, and to first order the margins (m,) there."""
+    if values is None:
+        return trial.values, trial.rows.margin
+    return values, trial.rows.margin + trial.rows.rate @ (values - trial.values)
 
 
 def objective_of(problem: Problem) -> Objective:

@@ -55,8 +55,9 @@ def redesign(
         throw: raise where no shape can be found, or return the failed result.
 
     Raises:
-        ProblemError: no variables or no limits; a mesh that cannot be used; tolerances that no problem can have.
-        SolveError: the original design cannot be simulated, not even moved inside its bounds.
+        ProblemError: no variables or no limits; a mesh that cannot be used; a cable too short within all bounds;
+            tolerances that no problem can have.
+        SolveError: no design that was looked at within the bounds can be simulated.
     """
     robust = problem.robust
     if robust is None:

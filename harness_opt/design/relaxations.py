@@ -16,8 +16,9 @@ from dataclasses import dataclass, field
 from harness_opt.design.evaluation import HELD, Evaluated, Evaluator
 from harness_opt.design.limit_keys import LimitKey, is_between_cables, limit_keys
 from harness_opt.design.objective import Beyond, Objective
-from harness_opt.design.search import SEARCH_STRIDE, verify
+from harness_opt.design.search import SEARCH_STRIDE
 from harness_opt.design.sqp import Note, descend
+from harness_opt.design.verification import verify
 from harness_opt.model import design_variables
 from harness_opt.model.design import Variable
 from harness_opt.model.limits import LimitId, LimitKind

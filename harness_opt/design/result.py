@@ -49,12 +49,15 @@ class Redesign:
         motion: of the redesigned problem, on twice the frames and twice the elements.
         clearances: of that motion.
         limits: rows of that motion; all margins are >= 0 where ``ok``.
-        limits_before: rows of the original design.
+        limits_before: rows of the original design; None where no shape joins its clamps.
         motion_before: of the original design.
         variables: before and after, by name.
         iterations: quadratic programs solved.
+        looked_at: designs simulated.
         history: of the iterations.
         active: what holds the design where it is: limits, and variables at a bound.
+        short: by how much cables were drawn too short for their clamps, m, by name.
+        optimal: whether all limits hold and no small change promises a better design: the conditions of first order.
         moved: what did not stand where the design may begin, by name: where it stood, and where it was moved to first.
         relaxations: where no design holds all limits, what giving way in one of them or in one bound would do.
         prices: where all hold, what those cost that hold the design where it is.
@@ -71,7 +74,7 @@ class Redesign:
     motion: Motion
     clearances: ClearanceResult
     limits: tuple[LimitResult, ...]
-    limits_before: tuple[LimitResult, ...]
+    limits_before: tuple[LimitResult, ...] | None
     motion_before: Motion
     variables: Mapping[str, VariableResult]
     iterations: int
@@ -81,11 +84,21 @@ class Redesign:
     relaxations: tuple[Relaxation, ...]
     prices: tuple[Price, ...]
     feasible: bool
+    looked_at: int = 0
+    short: Mapping[str, float] = field(default_factory=dict)
+    optimal: bool = False
     status: Status = Status.OK
     message: str = ""
     timing: Mapping[str, float] = field(default_factory=dict)
     trade_off: TradeOff | None = None
     robust: Robustness | None = None
+
+    @property
+    def violation(self) -> float:
+        """The largest shortfall of a limit over its scale; 0 where all hold."""
+        cables = self.problem.cables
+        shares = (-row.margin / row.scale(cables[row.cable].cable.radius) for row in self.limits)
+        return max(0.0, *shares)
 
     @property
     def ok(self) -> bool:

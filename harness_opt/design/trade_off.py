@@ -17,8 +17,9 @@ import numpy as np
 from harness_opt.design.evaluation import Evaluated, Evaluator
 from harness_opt.design.limit_keys import LimitKey, limit_keys
 from harness_opt.design.objective import Objective, objective_of
-from harness_opt.design.search import Verified, search, verified
+from harness_opt.design.search import search, verified
 from harness_opt.design.sqp import Note
+from harness_opt.design.verification import Verified
 from harness_opt.errors import ProblemError
 from harness_opt.model.design import Design
 from harness_opt.model.limits import LimitKind, Obstacle

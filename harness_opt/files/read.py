@@ -12,16 +12,15 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
-from harness_opt.files.checks import SIDES, Tree, mistakes_between, table, value
+from harness_opt.files.checks import Tree, mistakes_between, table
 from harness_opt.files.places import MEGABYTE, Places, unreadable
 from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
@@ -31,11 +30,11 @@ from harness_opt.files.values import Mistake, coupling, dotted, shown
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
-from harness_opt.model.cable import REACH_TOLERANCE, Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
-from harness_opt.numerics import rotations
+from harness_opt.model.reach import too_short
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 
@@ -48,7 +47,6 @@ MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
 NEAR = 20  # letters that are shown around one that cannot be written
 MOST_MISTAKES = 200  # that are told one by one
 MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
-MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
 _MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
 
@@ -150,14 +148,13 @@ def problem_from(
     mistakes += mistakes_between(tree, places)
     motions, wrong = _motions(tree, places, pending or {})
     mistakes += wrong
-    mistakes += _reach(tree, motions)
     if tables is not None and tables.robust is not None:
         mistakes += robust_mistakes(tables, tables.robust)
     if mistakes or tables is None:
         lines = [f"{file}: {dotted(path)}: {words}" for path, words in mistakes[:MOST_MISTAKES]]
         left = len(mistakes) - len(lines)
         raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
-    return Problem(
+    problem = Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
         bodies={name: Body(motions[name]) for name in tables.bodies},
         parts={name: _part(part, places) for name, part in tables.parts.items()},
@@ -171,6 +168,11 @@ def problem_from(
         title=tables.title,
         file=places.folder / file.name,
     )
+    # what a redesign may lengthen or move is for a simulation to refuse
+    fixed = [name for name in problem.cables if not any(key.startswith(f"{name}.") for key in tables.design.variables)]
+    if short := too_short(problem, fixed):
+        raise ProblemError(f"{file}: {line}" for line in short.values())
+    return problem
 
 
 def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
@@ -273,36 +275,6 @@ def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyM
     return parse_poses(file.read_bytes(), file)
 
 
-def _reach(tree: Tree, motions: Mapping[str, BodyMotion | None]) -> Iterator[Mistake]:
-    """Yield the cables that are too short for their clamps at some moment of the motion."""
-    motion = np.linspace(0.0, 1.0, MOTION_SAMPLES)
-    for name in table(tree, "cables"):
-        cable = table(tree, "cables", name)
-        length = value(cable, "length")
-        ends = [_path_of(table(cable, side), motions, motion) for side in SIDES]
-        if length is None or ends[0] is None or ends[1] is None:
-            continue
-        distance = np.linalg.norm(ends[1] - ends[0], axis=1)
-        worst = int(np.argmax(distance))
-        if not distance[worst] <= length * (1 + REACH_TOLERANCE):
-            words = f"expected at least {distance[worst]:.6g}, the distance between its clamps"
-            at = f"at motion {motion[worst]:.3g} (of 0 to 1)"
-            yield ("cables", name, "length"), f"found {shown(length)}, {words} {at}"
-
-
-def _path_of(end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotations.Array) -> rotations.Array | None:
-    """Return the world positions (P, 3) of a clamp at ``motion`` (P,), or None where they are not known."""
-    position, body = value(end, "position"), end.get("body", WORLD)
-    if position is None or not isinstance(body, str) or body not in motions:
-        return None
-    with np.errstate(over="ignore", invalid="ignore"):
-        origins, turns = Body(motions[body]).poses(motion)
-        return origins + rotations.rotate(turns, np.broadcast_to(np.asarray(position, dtype=float), origins.shape))
-
-
-# --- tables to domain classes --------------------------------------------------------------------------
-
-
 def _cable_run(cable: file_schema.CableTable) -> CableRun:
     ends = _end(cable.start), _end(cable.end)
     return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at)
@@ -361,7 +333,8 @@ def _design(design: file_schema.DesignTable) -> Design:
             couplings.append(Coupling(name, leader, factor, offset))
         else:
             variables.append(Variable(name, *given))
-    return Design(design.minimise, tuple(variables), tuple(couplings), design.weights, design.maximise, design.snaps)
+    plain = design.model_dump(exclude={"variables"})
+    return Design(**plain, variables=tuple(variables), couplings=tuple(couplings))
 
 
 def _robust(robust: file_schema.RobustTable | None) -> Robust | None:

@@ -280,6 +280,11 @@ class DesignTable(Table):
         default=None, description="In place of minimise: the largest worst margin, each as a share of its limit."
     )
     snaps: Flag = Field(default=False, description="Whether cables may snap to other shapes on the way.")
+    round_length: NotNegative = Field(
+        default=1e-4, description="To multiples of this, m, lengths and positions that moved are rounded; 0 is off."
+    )
+    round_deg: NotNegative = Field(default=0.1, description="The same of turns, degrees.")
+    seed: Whole = Field(default=0, description="Of the designs that are looked at beside the descents.")
     weights: dict[str, NotNegative] = Field(
         default_factory=dict,
         description="Of the change of a variable, by name; 1 where left out, and changes count in the bounds' ranges.",

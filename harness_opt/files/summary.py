@@ -207,7 +207,11 @@ class RedesignEntry(TypedDict):
 
     variables: dict[str, VariableEntry]
     iterations: int
-    limits_before: list[LimitEntry]
+    looked_at: Annotated[int, _said("Designs simulated")]
+    violation: Annotated[Number, _said("The largest shortfall of a limit over its scale; 0 where all hold")]
+    limits_before: Annotated[list[LimitEntry] | None, _said("null where no shape joins the drawn clamps")]
+    too_short: NotRequired[Annotated[dict[str, float], _said("By how much cables were drawn too short, m")]]
+    optimal: NotRequired[Annotated[bool, _said("Whether no small change promises a better design")]]
     active: Annotated[list[str], _said("What holds the design: limits by ``id``, and variables at a bound in words")]
     goal: NotRequired[str]
     coupled: NotRequired[dict[str, str]]

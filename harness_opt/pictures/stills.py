@@ -130,7 +130,7 @@ def write_pictures(
     else:
         changed = _changes(result)
         views = [
-            worst_view(result.motion_before, scene, result.limits_before, "Before"),
+            worst_view(result.motion_before, scene, result.limits_before or (), "Before"),
             worst_view(motion, scene, result.limits, f"After: {changed}", CABLES_AFTER),
         ]
         drawn = {"worst.png": [replace(views[1], title=f"Redesigned: {changed}")], "before_after.png": views}

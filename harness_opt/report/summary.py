@@ -283,7 +283,9 @@ def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
                 v.name: VariableEntry(before=float(at), after=None, lower=v.lower, upper=v.upper) for v, at in given
             },
             iterations=0,
-            limits_before=[],
+            looked_at=0,
+            violation=None,
+            limits_before=None,
             active=[],
         )
     design = result.original.design
@@ -296,7 +298,11 @@ def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
         coupled={coupling.name: coupling.words for coupling in design.couplings},
         moved_inside={name: {"from": a, "to": b} for name, (a, b) in result.moved.items()},
         iterations=result.iterations,
-        limits_before=[_limit(row) for row in result.limits_before],
+        looked_at=result.looked_at,
+        too_short=dict(result.short),
+        optimal=result.optimal,
+        violation=result.violation,
+        limits_before=None if result.limits_before is None else [_limit(row) for row in result.limits_before],
         active=[str(held) for held in result.active],
         in_the_way=[_relaxation(found) for found in result.relaxations],
         costs=[_price(found) for found in result.prices],

@@ -1,0 +1,90 @@
+"""A design as its file will be simulated: from a cold start, on twice the frames and twice the elements, certified."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness_opt.clearance.limits import all_hold, all_limits
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import Between, ClearanceResult
+from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
+from harness_opt.model import design_variables
+from harness_opt.model.problem import Problem
+from harness_opt.model.results import LimitResult, Motion
+from harness_opt.motion.between_frames import BetweenFrames
+from harness_opt.motion.simulate import collect
+from harness_opt.motion.sweep import followed, sweep
+from harness_opt.numerics.rotations import Array
+
+EXTRA = 1.5  # of what a verification found short: asked for in addition
+ELSEWHERE = 1e-3  # lengths of the cable: shapes this far apart at one pose are two shapes
+
+
+@dataclass(frozen=True)
+class Verified:
+    """A design simulated anew.
+
+    Args:
+        trial: what the search saw of it.
+        unrounded: where the search ended, before its values were rounded.
+        motion: of the problem as it would be written.
+        clearances: of the whole motion, between the frames too.
+        rows: of all limits.
+    """
+
+    trial: Evaluated
+    unrounded: Evaluated
+    motion: Motion
+    clearances: ClearanceResult
+    rows: tuple[LimitResult, ...]
+
+    def holds(self, *, snaps: bool = False) -> bool:
+        """Return whether every limit is certain to hold; ``snaps`` allows them."""
+        return self.motion.ok and all_hold(self.rows) == "yes" and (snaps or not self.motion.snaps)
+
+    @property
+    def strayed(self) -> bool:
+        """Whether its shapes are others than those that the search saw in the same frames."""
+        seen, new = self.trial.motion, self.motion
+        _, ours, theirs = np.intersect1d(seen.motion, new.motion, return_indices=True)
+        return any(
+            float(np.max(np.linalg.norm(seen.cables[name].position[ours] - cable.position[theirs], axis=-1), initial=0))
+            > ELSEWHERE * cable.s[-1]
+            for name, cable in new.cables.items()
+        )
+
+
+def verify(evaluate: Evaluator, design: Evaluated, unrounded: Evaluated | None = None) -> Verified:
+    """Simulate ``design`` anew; ``unrounded`` is what it was before its values were rounded, None where it is that."""
+    frames = evaluate.frames
+    problem = design_variables.rebased(evaluate.problem, design.values)
+    fine = np.interp(np.linspace(0, 1, 2 * len(frames) - 1), np.linspace(0, 1, len(frames)), frames)
+    motion = _fine_motion(problem, fine, design, evaluate.solver)
+    between = Between(BetweenFrames(motion), motion.snaps)
+    clearances = measure(problem, evaluate.scene, motion.motion, motion.cables, between=between)
+    rows = all_limits(problem, motion, clearances)
+    return Verified(design, unrounded or design, motion, clearances, rows)
+
+
+def _fine_motion(problem: Problem, fine: Array, design: Evaluated, solver: str) -> Motion:
+    """Simulate ``problem`` anew, from a cold start, on the frames ``fine`` and twice the elements."""
+    begin = time.perf_counter()
+    cables = {}
+    for name in problem.cables:
+        elements = 2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1)
+        cables[name] = followed(sweep(problem, name, fine, solver=solver, elements=elements))
+    return collect(problem, fine, cables, time.perf_counter() - begin)
+
+
+def ask_for_more(evaluate: Evaluator, found: Verified) -> None:
+    """Ask in addition for what a verification found short, or too near to its limit to be certain."""
+    for row in found.rows:
+        short = row.margin - (row.tolerance if row.holds == "uncertain" else 0.0)
+        if short < 0 and math.isfinite(short):
+            radius = found.motion.problem.cables[row.cable].cable.radius
+            # what is short by less than the search lets pass would otherwise stay so
+            evaluate.asked[row.id] += EXTRA * -short / row.scale(radius) + GUARD
