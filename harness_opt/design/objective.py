@@ -57,7 +57,7 @@ class Objective:
         floor: the least that their shortfall counts for: 0 is content where they hold, -inf asks for margin.
         snaps: whether snaps are allowed.
         aim: in words.
-        beyond: a bound that may be passed at the cost of the excess in ranges; None is none.
+        beyond: bounds that may be passed at the cost of the excess in ranges.
     """
 
     weights: Array
@@ -69,24 +69,24 @@ class Objective:
     soft: frozenset[LimitId] | None = frozenset()
     floor: float = 0.0
     snaps: bool = False
-    beyond: Beyond | None = None
+    beyond: tuple[Beyond, ...] = ()
     aim: str = "least change"
 
     def limits(self) -> tuple[Array, Array]:
         """Return the bounds (k,) that no step passes: one that may be passed is further out."""
         lower, upper = self.lower.copy(), self.upper.copy()
-        if self.beyond is not None:
-            out = self.beyond.side * self.beyond.reach
-            (upper if out > 0 else lower)[self.beyond.number] += out
+        for bound in self.beyond:
+            (upper if bound.side > 0 else lower)[bound.number] += bound.side * bound.reach
         return lower, upper
 
     def excess(self, values: Array) -> float:
-        """Return by how much ``values`` (k,) pass the bound that may be passed, in ranges; below 0 inside."""
-        if self.beyond is None:
-            return -np.inf
-        number, side = self.beyond.number, self.beyond.side
-        bound = self.upper[number] if side > 0 else self.lower[number]
-        return float(side * (values[number] - bound) / self.range[number])
+        """Return by how much ``values`` (k,) pass the bounds that may be passed, in ranges; below 0 inside."""
+        return max((self._past(bound, values) for bound in self.beyond), default=-np.inf)
+
+    def _past(self, bound: Beyond, values: Array) -> float:
+        number, side = bound.number, bound.side
+        edge = self.upper[number] if side > 0 else self.lower[number]
+        return float(side * (values[number] - edge) / self.range[number])
 
     def preference(self, values: Array) -> float:
         """Return the part of the objective that ``values`` (k,) alone decide."""
@@ -102,7 +102,7 @@ class Objective:
         at, margin = _near(trial, values)
         smooth = self.preference(at)
         soft = self._is_soft(trial.rows)
-        if not np.any(soft) and self.beyond is None:
+        if not np.any(soft) and not self.beyond:
             return smooth
         shortfall = max(float(np.max(-margin[soft], initial=-np.inf)), self.excess(at))
         return smooth + max(shortfall, self.floor)
@@ -157,10 +157,9 @@ class Objective:
         tightest = np.argsort(rows.margin, kind="stable")[:ROWS]
         margin, rate, soft = rows.margin[tightest], rows.rate[tightest] * self.range, self._is_soft(rows)[tightest]
         limits = tuple(rows.limit[i] for i in tightest)
-        if self.beyond is not None:
-            number, side = self.beyond.number, self.beyond.side
-            margin = np.append(margin, -self.excess(trial.values))
-            rate = np.vstack([rate, -side * np.eye(len(self.range))[number]])
+        for bound in self.beyond:
+            margin = np.append(margin, -self._past(bound, trial.values))
+            rate = np.vstack([rate, -bound.side * np.eye(len(self.range))[bound.number]])
             soft, limits = np.append(soft, True), (*limits, None)
         lower, upper = self.limits()
         lowest = np.maximum((lower - trial.values) / self.range, -trust)
@@ -177,22 +176,22 @@ class Objective:
             gradient=none,
             soft=None,
             floor=0.0,
-            beyond=None,
+            beyond=(),
             aim="least violation",
         )
 
-    def relaxing(self, limits: frozenset[LimitId] = frozenset(), bound: Beyond | None = None) -> Objective:
-        """Return the objective of passing ``limits``, or a bound, as little as can be; all others hold."""
+    def relaxing(self, limits: frozenset[LimitId] = frozenset(), bounds: tuple[Beyond, ...] = ()) -> Objective:
+        """Return the objective of passing ``limits`` and ``bounds`` as little as can be; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
-            self, weights=none, gradient=none, soft=limits, floor=0.0, beyond=bound, aim="least relaxation"
+            self, weights=none, gradient=none, soft=limits, floor=0.0, beyond=bounds, aim="least relaxation"
         )
 
     def margin(self, limits: frozenset[LimitId] | None) -> Objective:
         """Return the objective of the largest worst margin of ``limits``, None for all; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
-            self, weights=none, gradient=none, soft=limits, floor=-np.inf, beyond=None, aim="largest margin"
+            self, weights=none, gradient=none, soft=limits, floor=-np.inf, beyond=(), aim="largest margin"
         )
 
 

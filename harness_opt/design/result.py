@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.design.prices import Price
-from harness_opt.design.relaxations import Relaxation
+from harness_opt.design.explanations import Price, Relaxation
 from harness_opt.design.robustness import Robustness
 from harness_opt.design.sqp import Step
 from harness_opt.design.trade_off import TradeOff
@@ -60,6 +59,7 @@ class Redesign:
         optimal: whether all limits hold and no small change promises a better design: the conditions of first order.
         moved: what did not stand where the design may begin, by name: where it stood, and where it was moved to first.
         relaxations: where no design holds all limits, what giving way in one of them or in one bound would do.
+        relaxations_together: what giving way in two would do, where none alone does.
         prices: where all hold, what those cost that hold the design where it is.
         feasible: whether all limits hold.
         status: OK, or why a design could not be simulated.
@@ -87,6 +87,7 @@ class Redesign:
     looked_at: int = 0
     short: Mapping[str, float] = field(default_factory=dict)
     optimal: bool = False
+    relaxations_together: tuple[tuple[Relaxation, Relaxation], ...] = ()
     status: Status = Status.OK
     message: str = ""
     timing: Mapping[str, float] = field(default_factory=dict)

@@ -1,7 +1,10 @@
-"""A design as its file will be simulated: from a cold start, on twice the frames and twice the elements, certified."""
+"""A design as its file will be simulated: its values rounded, from a cold start, on twice the frames and twice the
+elements, certified.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from dataclasses import dataclass
@@ -11,7 +14,8 @@ import numpy as np
 from harness_opt.clearance.limits import all_hold, all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Between, ClearanceResult
-from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
+from harness_opt.design.evaluation import GUARD, HELD, Evaluated, Evaluator
+from harness_opt.design.objective import Objective
 from harness_opt.model import design_variables
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion
@@ -22,6 +26,9 @@ from harness_opt.numerics.rotations import Array
 
 EXTRA = 1.5  # of what a verification found short: asked for in addition
 ELSEWHERE = 1e-3  # lengths of the cable: shapes this far apart at one pose are two shapes
+MOST_WAYS = (
+    8  # variables of which all neighbours are tried, a few thousand designs at most; of further ones the nearest
+)
 
 
 @dataclass(frozen=True)
@@ -88,3 +95,36 @@ def ask_for_more(evaluate: Evaluator, found: Verified) -> None:
             radius = found.motion.problem.cables[row.cable].cable.radius
             # what is short by less than the search lets pass would otherwise stay so
             evaluate.asked[row.id] += EXTRA * -short / row.scale(radius) + GUARD
+
+
+def rounded(problem: Problem, objective: Objective, best: Evaluated) -> Array:
+    """Return the values (k,) of ``best``, rounded as the problem asks, inside the bounds.
+
+    Of the neighbours up and down, and the drawn value where it is as near as they are, those are taken that hold the
+    linearised limits best, and then have the lower objective. What others follow stays as it is, and so does all where
+    nothing round holds what ``best`` does.
+
+    Args:
+        problem: with the design's variables.
+        objective: what was sought.
+        best: the design, with its derivatives.
+    """
+    choices = [_choices(problem, objective, best, number) for number in range(len(best.values))]
+    for number in [number for number, values in enumerate(choices) if len(values) > 1][MOST_WAYS:]:
+        choices[number] = sorted(choices[number], key=lambda value, n=number: abs(value - best.values[n]))[:1]  # type: ignore[misc]
+    ways = (np.array(values) for values in itertools.product(*choices))
+    way: Array = min(ways, key=lambda values: objective.merit(best, values))
+    return way if objective.violation(best, way) <= max(HELD, objective.violation(best)) else best.values
+
+
+def _choices(problem: Problem, objective: Objective, best: Evaluated, number: int) -> list[float]:
+    """Return what the variable with this ``number`` may be rounded to."""
+    design, value = problem.design, float(best.values[number])
+    name, drawn = design.variables[number].name, float(objective.centre[number])
+    unit = design.round_deg if name.endswith("_deg") else design.round_length
+    if value == drawn or unit == 0.0 or any(coupling.leader == name for coupling in design.couplings):
+        return [value]
+    lower, upper = objective.lower[number], objective.upper[number]
+    around = (float(f"{n * unit:.12g}") for n in (math.floor(value / unit), math.floor(value / unit) + 1))
+    inside = [n for n in around if lower <= n <= upper]
+    return [drawn, *inside] if abs(value - drawn) <= 0.5 * unit else inside or [value]

@@ -48,8 +48,7 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
 
 if TYPE_CHECKING:
-    from harness_opt.design.prices import Price
-    from harness_opt.design.relaxations import Relaxation
+    from harness_opt.design.explanations import Price, Relaxation
     from harness_opt.design.result import Redesign
     from harness_opt.design.robustness import Robustness, Within, Yield
     from harness_opt.design.sqp import Step
