@@ -90,7 +90,7 @@ def measure(
         if problem.limits.clearance is not None:
             others = itertools.takewhile(lambda _: not give_up(), tasks[number:])
             pairs += [_against_cable(given, own, other, views) for other in others]
-    missing = _unmeasured(problem, scene, len(tasks), len(pairs))
+    missing = _unmeasured(problem, scene, len(pairs))
     if missing or (views is None and problem.moves):
         return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
     frames = _at_rest(given) if views is None else views.frames
@@ -99,10 +99,16 @@ def measure(
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
 
 
-def _unmeasured(problem: Problem, scene: Scene, cables: int, done: int) -> tuple[str, ...]:
-    """Return a sentence where not all pairs were come to before the run was stopped."""
+def pairs_asked(problem: Problem, scene: Scene) -> int:
+    """Return how many pairs of a cable and an obstacle are measured."""
+    cables = len(problem.cables)
     others = 0 if problem.limits.clearance is None else cables * (cables + 1) // 2
-    left = cables * len(scene.parts) + others - done
+    return cables * len(scene.parts) + others
+
+
+def _unmeasured(problem: Problem, scene: Scene, done: int) -> tuple[str, ...]:
+    """Return a sentence where not all pairs were come to before the run was stopped."""
+    left = pairs_asked(problem, scene) - done
     return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
 
 

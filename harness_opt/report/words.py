@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -143,7 +144,7 @@ def advice(summary: Summary, folder: Path | None) -> list[str]:
         lines.append("Next: widen bounds in [design.variables], let more change, or relax a limit in the way.")
     if "report.html" in summary["files"]:
         lines.append(f"Report: {folder / 'report.html'}")
-        if "pictures" not in summary["left_out"]:
+        if importlib.util.find_spec("pyvista") is not None:
             lines.append(f"Window: harness-opt show {folder}")
     return lines
 
@@ -188,8 +189,9 @@ def notes(summary: Summary) -> Iterable[str]:
     near = [words for entry in summary["clearances"] if (words := _excluded(entry))]
     if near:
         yield f"Not measured where the cable leaves its clamp: {', '.join(near)}."
-    if summary["left_out"]:
-        yield f"Left out: {', '.join(summary['left_out'])}."
+    missing = [words for words in summary["left_out"] if words != "pictures"]  # they are drawn where asked for
+    if missing:
+        yield f"Left out: {', '.join(missing)}."
 
 
 def _certainty(summary: Summary) -> Iterable[str]:
