@@ -29,7 +29,7 @@ from harness_opt.clearance.certify_cable import CableSearch
 from harness_opt.clearance.certify_limits import certified_limit
 from harness_opt.clearance.certify_part import PartSearch, Seen
 from harness_opt.clearance.moving_centreline import MovingCurve
-from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance
+from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance, pairs_asked
 from harness_opt.clearance.solved_frames import SolvedFrames
 from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
 from harness_opt.clearance.to_part import against_part, places
@@ -97,13 +97,6 @@ def measure(
     rows = tuple(row for task in tasks for row in _cable_limits(given, frames[task.cable], task))
     inserted = {} if views is None else {name: solved.inserted for name, solved in frames.items()}
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
-
-
-def pairs_asked(problem: Problem, scene: Scene) -> int:
-    """Return how many pairs of a cable and an obstacle are measured."""
-    cables = len(problem.cables)
-    others = 0 if problem.limits.clearance is None else cables * (cables + 1) // 2
-    return cables * len(scene.parts) + others
 
 
 def _unmeasured(problem: Problem, scene: Scene, done: int) -> tuple[str, ...]:

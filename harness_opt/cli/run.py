@@ -281,7 +281,8 @@ def _measured(
     result: Motion | Redesign, scene: Scene, wanted: Wanted, interrupts: Interrupts, progress: Shown
 ) -> tuple[Motion | Redesign, ClearanceResult | None]:
     """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
-    from harness_opt.clearance.measure import clearances, pairs_asked
+    from harness_opt.clearance.measure import clearances
+    from harness_opt.clearance.pairs import pairs_asked
     from harness_opt.model.results import Motion
     from harness_opt.report.summary import timed
 
