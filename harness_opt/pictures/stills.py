@@ -16,6 +16,7 @@ from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.results import LimitResult, Motion
+from harness_opt.model.travel import Moments
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene, load_scene
@@ -282,7 +283,7 @@ def _write_words(plotter: pv.Plotter, view: View) -> None:
         answer = {"no": "violated", "yes": "held", "uncertain": "not certain"}[row.holds]
         words.append(f"limit {_quantity(row.id.kind, row.limit)} {answer}")
     if moves:
-        words.append(f"at {100 * row.motion:.0f} % of the motion")
+        words.append(f"at {Moments.of(shown.motion.problem).words(row.motion)}")
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True
     _write(plotter, ", ".join(words), (0.03, 0.892), 12, TOUCHES if view.violated else INK)
     used = {tuple(colour) for name in shown.colours for colour in cable_colours(shown, name)[1]}
