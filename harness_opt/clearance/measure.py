@@ -29,7 +29,7 @@ from harness_opt.clearance.certify_cable import CableSearch
 from harness_opt.clearance.certify_limits import certified_limit
 from harness_opt.clearance.certify_part import PartSearch, Seen
 from harness_opt.clearance.moving_centreline import MovingCurve
-from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance
+from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance, pairs_asked
 from harness_opt.clearance.solved_frames import SolvedFrames
 from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
 from harness_opt.clearance.to_part import against_part, places
@@ -90,7 +90,7 @@ def measure(
         if problem.limits.clearance is not None:
             others = itertools.takewhile(lambda _: not give_up(), tasks[number:])
             pairs += [_against_cable(given, own, other, views) for other in others]
-    missing = _unmeasured(problem, scene, len(tasks), len(pairs))
+    missing = _unmeasured(problem, scene, len(pairs))
     if missing or (views is None and problem.moves):
         return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
     frames = _at_rest(given) if views is None else views.frames
@@ -99,10 +99,9 @@ def measure(
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
 
 
-def _unmeasured(problem: Problem, scene: Scene, cables: int, done: int) -> tuple[str, ...]:
+def _unmeasured(problem: Problem, scene: Scene, done: int) -> tuple[str, ...]:
     """Return a sentence where not all pairs were come to before the run was stopped."""
-    others = 0 if problem.limits.clearance is None else cables * (cables + 1) // 2
-    left = cables * len(scene.parts) + others - done
+    left = pairs_asked(problem, scene) - done
     return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
 
 

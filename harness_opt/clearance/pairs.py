@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from harness_opt.clearance.solved_frames import Solve
 from harness_opt.clearance.witnesses import Certificate, Witnesses
 from harness_opt.model.limits import LimitId, LimitKind, Obstacle
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Snap
 from harness_opt.numerics.rotations import Array
+from harness_opt.parts.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -165,3 +167,10 @@ class Between:
 
     solve: Solve
     snaps: tuple[Snap, ...] = ()
+
+
+def pairs_asked(problem: Problem, scene: Scene) -> int:
+    """Return how many pairs of a cable and an obstacle are measured."""
+    cables = len(problem.cables)
+    others = 0 if problem.limits.clearance is None else cables * (cables + 1) // 2
+    return cables * len(scene.parts) + others

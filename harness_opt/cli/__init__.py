@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
 
 __all__ = ["main"]
@@ -14,9 +15,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: the arguments, without the program's name; None takes those of the process.
     """
+    begin = time.perf_counter()
     try:
         from . import commands
     except KeyboardInterrupt:
         os.write(2, b"Interrupted.\n")
         return 130
-    return commands.main(argv)
+    return commands.main(argv, begin)

@@ -6,6 +6,7 @@ The rooms that solve are imported inside the commands, so that help, ``schema`` 
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from harness_opt.cli.options import (
     running,
     seconds_option,
 )
-from harness_opt.cli.run import Voice, Wanted, naming, remedied, run
+from harness_opt.cli.run import BEGIN, Voice, Wanted, naming, remedied, run
 from harness_opt.cli.streams import lasting, say, tell, warn
 from harness_opt.errors import HarnessError, ProblemError
 from harness_opt.model.methods import SOLVERS, TRANSCRIPTIONS
@@ -39,13 +40,15 @@ MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that me
 EXPORT_FOLDER = "export"  # in a result folder
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None, begin: float | None = None) -> int:
     """Run one command and return its exit code.
 
     Args:
         argv: the arguments, without the program's name; None takes those of the process.
+        begin: when it began, s of ``time.perf_counter``; None is now.
     """
-    state: dict[str, bool] = {}  # set by --debug, wherever it stands
+    begin = time.perf_counter() if begin is None else begin
+    state: dict[str, Any] = {BEGIN: begin}  # --debug is added, wherever it stands
 
     def command() -> int | None:
         code: int | None = commands.main(args=argv, prog_name="harness-opt", standalone_mode=False, obj=state)
@@ -143,6 +146,7 @@ def simulate(
     as_json: bool,
     quiet: bool,
     pictures: bool,
+    film: bool,
     *,
     folders: tuple[Path, ...],
     seconds: float | None,
@@ -163,9 +167,9 @@ def simulate(
 
         if out_and_back:
             problem = dataclasses.replace(problem, out_and_back=True)
-        return simulate(problem, progress=progress, throw=False, **chosen)
+        return simulate(problem, progress=progress.solving(list(problem.cables)), throw=False, **chosen)
 
-    wanted = Wanted(folder, as_json, quiet, pictures, clearance_tolerance, seconds, folders)
+    wanted = Wanted(folder, as_json, quiet, pictures, film, clearance_tolerance, seconds, folders)
     return run("simulate", file, wanted, solve, VOICE)
 
 
@@ -185,6 +189,7 @@ def redesign(
     as_json: bool,
     quiet: bool,
     pictures: bool,
+    film: bool,
     *,
     folders: tuple[Path, ...],
     seconds: float | None,
@@ -205,7 +210,7 @@ def redesign(
 
         return redesigned(problem, progress, folder or Path("results") / file.stem, pareto)
 
-    wanted = Wanted(folder, as_json, quiet, pictures, seconds=seconds, folders=folders)
+    wanted = Wanted(folder, as_json, quiet, pictures, film, seconds=seconds, folders=folders)
     return run("redesign", file, wanted, solve, VOICE)
 
 

@@ -47,9 +47,8 @@ json_option = click.option("--json", "as_json", is_flag=True, help="The summary 
 def running(command: Callable[..., int]) -> Callable[..., int]:
     """Add the argument and the options of the commands that write results."""
     for decorate in (
-        click.option(
-            "--no-pictures", "pictures", flag_value=False, default=True, help="Write no report and draw no pictures."
-        ),
+        click.option("--film", is_flag=True, help="A film of the motion too (extra pictures)."),
+        click.option("--pictures/--no-pictures", help="Still pictures of the worst moment too (extra pictures)."),
         click.option("--quiet", "-q", is_flag=True, help="No progress and no table."),
         json_option,
         click.option(

@@ -43,7 +43,12 @@ def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | No
     if earlier is not None:
         progress.line(f"Going on from the redesign interrupted in {folder}, after {done} iterations.")
     result = robust_loop.redesign(
-        problem, progress=progress, watch=Follower(progress.line, done), earlier=earlier, pareto=pair, throw=False
+        problem,
+        progress=progress.designs(),
+        watch=Follower(progress.line, done),
+        earlier=earlier,
+        pareto=pair,
+        throw=False,
     )
     if result.robust is not None and result.status.ok:
         result = with_yields(result, progress=progress)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import itertools
 import os
 import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
 
 from harness_opt.cli.ending import INTERRUPTED, UNSOLVED
 from harness_opt.cli.interrupts import Interrupts
@@ -25,11 +28,17 @@ if TYPE_CHECKING:
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
     from harness_opt.parts.scene import Scene
+    from harness_opt.report.result_files import Page
 
     Solve = Callable[[Problem, Shown], Motion | Redesign]
-    _Found = tuple[Motion | Redesign, ClearanceResult | None, Command]  # with the command that found it
 
 EXIT = {"ok": 0, "violated": 1, "uncertain": 1, "infeasible": 1, "unsolved": UNSOLVED}
+BEGIN = "begin"  # key of the context's object: when the command began
+_AGAIN = "Ctrl-C again stops at once and keeps nothing."
+STOPPING = {
+    "simulate": f"Stopping after this frame; {_AGAIN}",
+    "redesign": f"Stopping after this frame; the same command goes on from there. {_AGAIN}",
+}
 REMEDY = 'pip install "harness-opt[pictures]"'
 
 
@@ -54,9 +63,31 @@ class Wanted:
     as_json: bool
     quiet: bool
     pictures: bool
+    film: bool
     tolerance: float | None = None
     seconds: float | None = None
     folders: tuple[Path, ...] = ()
+
+    @property
+    def stream(self) -> TextIO | None:
+        """Where progress is shown; None shows none."""
+        return None if self.quiet else sys.stderr
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a run found: the result, the clearances of a motion, with which command, the parts, and when it began."""
+
+    result: Motion | Redesign
+    measured: ClearanceResult | None
+    command: Command
+    scene: Scene
+    begin: float
+
+    @property
+    def kept(self) -> dict[str, Any]:
+        """What is written with the result."""
+        return {"measured": self.measured, "command": self.command, "scene": self.scene}
 
 
 @contextlib.contextmanager
@@ -83,37 +114,38 @@ def run(command: Command, file: Path, wanted: Wanted, solve: Solve, voice: Voice
     Raises:
         ProblemError: bad input, or a folder that cannot be written.
     """
-    begin = time.perf_counter()
+    begin = click.get_current_context().obj[BEGIN]
     from harness_opt.model.plausibility import doubts
     from harness_opt.report.summary import timed
 
     folder = wanted.folder or Path("results") / file.stem
-    with Interrupts(voice.warn, wanted.seconds, patient=False) as interrupts:
+    with Interrupts(voice.warn, wanted.seconds, words=STOPPING[command], patient=False) as interrupts:
         problem, scene = _loaded(file, folder, wanted, interrupts)
         if not wanted.quiet:
             voice.tell(*(f"{file}: {warning}" for warning in (*doubts(problem), *scene.warnings)))
         loaded = time.perf_counter() - begin
         interrupts.patient = True
-        with naming(file), progress_for(interrupts, None if wanted.quiet else sys.stderr) as progress:
+        with naming(file), progress_for(interrupts, wanted.stream) as progress:
             result = _solved(problem, solve, progress, interrupts)
-        result = _timely(result, wanted.seconds, interrupts)
-        result, measured = _measured(result, scene, wanted, interrupts)
+            result = _timely(result, wanted.seconds, interrupts)
+            result, measured = _measured(result, scene, wanted, interrupts, progress)
         result = timed(result, load=loaded, total=time.perf_counter() - begin)
-        part = result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
-        summary, place = _kept(wanted, folder, part, (result, measured, command), scene, voice)
+        found = Found(result, measured, command, scene, begin)
+        _tell_verdict(wanted, found, voice)
+        summary, place, page = _kept(wanted, folder, found, interrupts, voice)
+        if not wanted.quiet:
+            _tell_place(wanted, summary, place, voice)
         interrupts.patient = False
         try:
             interrupts.stop_here()
-            if wanted.pictures and summary["frames"]:
-                with interrupts.cut_off():
-                    summary = _with_pictures(folder, (result, measured, command), scene, voice)
+            if (wanted.pictures or wanted.film) and summary["frames"] and place is not None:
+                with interrupts.cut_off(), progress_for(interrupts, wanted.stream) as progress:
+                    summary = _with_pictures(wanted, place, found, page, summary, progress, voice)
         except KeyboardInterrupt:
             if not interrupts.late:
                 interrupts.asked = True
-        except ProblemError:
-            _show(wanted, summary, place, voice)  # what stands is not lost with the disk
-            raise
-    _show(wanted, summary, place, voice)
+    if wanted.as_json:
+        _say_json(summary, voice)
     return INTERRUPTED if interrupts.asked else EXIT[summary["status"]]
 
 
@@ -146,26 +178,65 @@ def _loaded(file: Path, folder: Path, wanted: Wanted, interrupts: Interrupts) ->
     return problem, scene
 
 
+def _tell_verdict(wanted: Wanted, found: Found, voice: Voice) -> None:
+    """Print what was found, before anything is written: nothing that comes after can cost it."""
+    from harness_opt.report.summary import summary
+    from harness_opt.report.words import report
+
+    content = summary(found.result, found.measured, command=found.command)
+    if not wanted.quiet:
+        _aloud(wanted, voice)(report(content))
+    elif content["status"] == "unsolved":
+        voice.tell(content["message"])
+
+
+def _tell_place(wanted: Wanted, summary: Summary, place: Path | None, voice: Voice) -> None:
+    """Print where the results are, if anywhere, and what to do next."""
+    from harness_opt.report.words import advice
+
+    where = "Nothing was written." if place is None else f"Results: {place}{os.sep}"
+    _aloud(wanted, voice)("\n".join([where, *advice(summary, place)]))
+
+
+def _aloud(wanted: Wanted, voice: Voice) -> Callable[[str], None]:
+    """Return what prints for people: beside the summary on stdout, where that is asked for."""
+    return voice.tell if wanted.as_json else voice.say
+
+
 def _kept(
-    wanted: Wanted, folder: Path, interrupted: bool, found: _Found, scene: Scene, voice: Voice
-) -> tuple[Summary, Path | None]:
-    """Write what was found; return its summary and the folder, or None where nothing was written."""
+    wanted: Wanted, folder: Path, found: Found, interrupts: Interrupts, voice: Voice
+) -> tuple[Summary, Path | None, Page | None]:
+    """Write what was found, with its report.
+
+    Returns:
+        Its summary, the folder, or None where nothing was written, and what writes its report.
+
+    Raises:
+        ProblemError: it cannot be written.
+    """
     from harness_opt.report.result_files import write_results
     from harness_opt.report.summary import summary
 
-    result, measured, command = found
-    if interrupted:
-        content = summary(result, measured, command=command)
+    part = found.result.status in (Status.INTERRUPTED, Status.TIME_LIMIT)
+    if part:
+        content = summary(found.result, found.measured, command=found.command)
         if not content["frames"]:
-            return content, None  # an earlier result is worth more
-    if interrupted and _is_whole(folder):
+            return content, None, None  # an earlier result is worth more
+    if part and _is_whole(folder):
         from harness_opt.files.result_folder import ASIDE
 
         folder = folder.with_name(folder.name + ASIDE)  # so it is than a part of a new one
+    page = _page(found, interrupts)
     try:
-        return write_results(result, folder, measured=measured, command=command, scene=scene), folder
+        return write_results(found.result, folder, page=page, **found.kept), folder, page
     except ProblemError:  # what was found is not lost with the disk
-        _show(wanted, summary(result, measured, command=command), None, voice)
+        content, place = summary(found.result, found.measured, command=found.command), None
+        with contextlib.suppress(ProblemError):  # nor with the room that a report takes
+            content, place = write_results(found.result, folder, **found.kept), folder
+        if not wanted.quiet:
+            _tell_place(wanted, content, place, voice)
+        if wanted.as_json:
+            _say_json(content, voice)
         raise
 
 
@@ -176,21 +247,6 @@ def _is_whole(folder: Path) -> bool:
     earlier = read_summary(folder)
     parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
     return earlier is not None and earlier.get("reason") not in parts
-
-
-def _show(wanted: Wanted, summary: Summary, place: Path | None, voice: Voice) -> None:
-    """Print the summary, and where it was written, if it was."""
-    from harness_opt.report.summary import as_json
-    from harness_opt.report.words import advice, report
-
-    if wanted.as_json:
-        voice.say(as_json(summary))
-    where = "Nothing was written." if place is None else f"Results: {place}{os.sep}"
-    if not wanted.quiet:
-        text = "\n".join([report(summary), where, *advice(summary, place)])
-        (voice.tell if wanted.as_json else voice.say)(text)
-    elif summary["status"] == "unsolved":
-        voice.tell(summary["message"])
 
 
 def _solved(problem: Problem, solve: Solve, progress: Shown, interrupts: Interrupts) -> Motion | Redesign:
@@ -222,49 +278,84 @@ def _timely(result: Motion | Redesign, seconds: float | None, interrupts: Interr
 
 
 def _measured(
-    result: Motion | Redesign, scene: Scene, wanted: Wanted, interrupts: Interrupts
+    result: Motion | Redesign, scene: Scene, wanted: Wanted, interrupts: Interrupts, progress: Shown
 ) -> tuple[Motion | Redesign, ClearanceResult | None]:
     """Return a motion, with the seconds that measuring took, and its clearances; a redesign has its own."""
     from harness_opt.clearance.measure import clearances
+    from harness_opt.clearance.pairs import pairs_asked
     from harness_opt.model.results import Motion
     from harness_opt.report.summary import timed
 
     if not isinstance(result, Motion):
         return result, None
     begin = time.perf_counter()
-    stop, give_up = interrupts.stopping, interrupts.overdue
-    measured = clearances(result, scene, tolerance=wanted.tolerance, stop=stop, give_up=give_up)
+    pairs, asked = itertools.count(), pairs_asked(result.problem, scene)
+
+    def give_up() -> bool:  # asked before each pair
+        progress.tell("certifying clearances", min(next(pairs), asked), asked)
+        return interrupts.overdue()
+
+    measured = clearances(result, scene, tolerance=wanted.tolerance, stop=interrupts.stopping, give_up=give_up)
     if not measured.whole and result.ok:
         result = dataclasses.replace(result, status=Status.INTERRUPTED)
         result = _timely(result, wanted.seconds, interrupts)
     return timed(result, clearance=time.perf_counter() - begin), measured
 
 
-def _with_pictures(folder: Path, found: _Found, scene: Scene, voice: Voice) -> Summary:
-    """Write the results again with a report, and then with pictures; where none can be drawn say why.
-
-    The results stand already, and the report before the pictures, so that nothing that a graphics driver does can
-    cost them.
-    """
+def _page(found: Found, interrupts: Interrupts) -> Page | None:
+    """Return what writes the report of ``found``; None where the time is up."""
     from harness_opt.report.html_page import prepare, write_page
-    from harness_opt.report.result_files import write_results
-    from harness_opt.report.summary import timed
 
-    result, measured, command = found
     begin = time.perf_counter()
-    page = functools.partial(write_page, prepare(result, measured, scene))
-    result = timed(result, report=time.perf_counter() - begin)
-    content = write_results(result, folder, measured=measured, command=command, page=page, scene=scene)
+    try:
+        if interrupts.late:
+            return None
+        with interrupts.cut_off():
+            prepared = prepare(found.result, found.measured, found.scene)
+    except KeyboardInterrupt:
+        return None
+    seconds = time.perf_counter() - begin
+
+    def page(content: Summary, folder: Path) -> str:
+        content["timing"] |= {"report": seconds, "total": time.perf_counter() - found.begin}  # all until here
+        return write_page(prepared, content, folder)
+
+    return page
+
+
+def _with_pictures(
+    wanted: Wanted, folder: Path, found: Found, page: Page | None, content: Summary, progress: Shown, voice: Voice
+) -> Summary:
+    """Write the results again with the pictures asked for; where none can be drawn say why.
+
+    The results stand already, so that nothing that a graphics driver does can cost them.
+
+    Raises:
+        ProblemError: the folder cannot be written any more.
+    """
+    from harness_opt.report.result_files import write_results
+
     try:
         from harness_opt.pictures.film import write_pictures_and_film
 
-        draw = functools.partial(write_pictures_and_film, clearances=measured)
-        return write_results(result, folder, measured=measured, command=command, pictures=draw, page=page, scene=scene)
-    except ProblemError:  # the folder cannot be written any more
+        draw = functools.partial(
+            write_pictures_and_film, clearances=found.measured, pictures=wanted.pictures, film=wanted.film,
+            progress=progress,
+        )  # fmt: skip
+        return write_results(found.result, folder, page=page, pictures=draw, **found.kept)
+    except ProblemError:
+        if wanted.as_json:
+            _say_json(content, voice)  # what stands is not lost with the disk
         raise
     except Exception as error:  # no pyvista, no OpenGL, no room: as many errors as there are computers
         voice.tell(f"Pictures left out: {remedied(error)}")
         return content
+
+
+def _say_json(content: Summary, voice: Voice) -> None:
+    from harness_opt.report.summary import as_json
+
+    voice.say(as_json(content))
 
 
 def remedied(error: Exception) -> str:

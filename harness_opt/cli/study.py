@@ -66,7 +66,7 @@ def run_study(file: Path, asked: Asked, voice: Voice) -> int:
     broken = ""
     with Interrupts(voice.warn, words=STOPPING) as interrupts, _executor(asked, planned.shared) as executor:
         crew = Crew(variant_runner(), executor, asked.workers, lambda: interrupts.asked)
-        with progress_for(interrupts, None if asked.quiet else sys.stderr, "done") as progress:
+        with progress_for(interrupts, None if asked.quiet else sys.stderr) as progress:
             try:
                 for result in run(planned, crew, Store(folder / STORE)):
                     results.append(result)

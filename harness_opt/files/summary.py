@@ -12,6 +12,7 @@ from typing_extensions import TypedDict
 
 from harness_opt.model.limits import KIND_OF_KEY, LimitId, LimitKind, Obstacle
 from harness_opt.model.results import Holds
+from harness_opt.model.travel import Moments, Travel
 
 Json = dict[str, Any]
 Command = Literal["simulate", "redesign"]
@@ -223,6 +224,23 @@ class RedesignEntry(TypedDict):
     pareto: NotRequired[TradeOffEntry]
 
 
+class TravelEntry(TypedDict):
+    """The way of a body that moves, which goes evenly with the motion."""
+
+    body: str
+    unit: Annotated[str, _said("``deg``, ``mm`` or ``s``")]
+    start: float
+    stop: float
+
+
+class PathEntry(TypedDict):
+    """What the motion is told in."""
+
+    ways: list[TravelEntry]
+    duration: Annotated[float, _said("s")]
+    out_and_back: bool
+
+
 class Summary(TypedDict):
     """A result of harness-opt: ``summary.json`` in its folder, and what ``--json`` prints."""
 
@@ -234,6 +252,7 @@ class Summary(TypedDict):
     reason: Annotated[str, _said("Status of the solve, such as ``ok`` or ``time_limit``")]
     message: str
     frames: int
+    path: PathEntry
     limits: list[LimitEntry]
     clearances: list[PairEntry]
     open_meshes: list[str]
@@ -252,6 +271,14 @@ class Summary(TypedDict):
 def results_schema() -> Json:
     """Return the JSON Schema of ``summary.json``."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **TypeAdapter(Summary).json_schema()}
+
+
+def moments_of(summary: Summary) -> Moments:
+    """Return what tells the moments of a result's motion; per cent of one that an older version wrote."""
+    path = summary.get("path")
+    if path is None:
+        return Moments((), 0.0)
+    return Moments([Travel(**way) for way in path["ways"]], path["duration"], path["out_and_back"])
 
 
 def limit_of(entry: LimitEntry) -> LimitId:

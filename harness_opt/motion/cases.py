@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import numpy as np
 
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem, held_as
-from harness_opt.rod.boundary import HELD, Case, case
-from harness_opt.rod.link import twist
+from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.states import Rod
-from harness_opt.statics.cold_start import cold_start, wound_curve
+from harness_opt.statics.cold_start import cold_start
 from harness_opt.statics.continuation import follow
 from harness_opt.statics.fitting import Fitted, clamped, fit
 from harness_opt.statics.solve import Solved
@@ -83,20 +81,3 @@ class CableCases:
         Arguments and results as of :func:`harness_opt.statics.continuation.follow`.
         """
         return follow(self.path(start.case), start, first, last, self.solver, smallest)
-
-
-def clamp_twist(problem: Problem, name: str) -> float | None:
-    """Return the twist, rad, that the clamps build into a cable; None where they leave it none to keep.
-
-    Of a cable that is fitted untwisted, what its ends are turned by afterwards. Else what joins the clamps along the
-    curve that the first shape is looked for from: nothing is solved for it.
-    """
-    run = problem.cables[name]
-    if run.untwisted is not None:
-        return 2.0 * math.pi * run.turned_in
-    fixed = dataclasses.replace(problem, cables={name: run.to_fit})
-    posed = case(run.cable, *fixed.ends(name, [0.0])[0], np.asarray(problem.gravity))
-    if not posed.boundary.kind.start_held == posed.boundary.kind.end_held == HELD:
-        return None
-    bow = posed.load if run.bow is None and np.any(posed.load) else run.bow
-    return 2.0 * math.pi * twist(wound_curve(posed, int(run.end.turns), None if bow is None else np.asarray(bow)).q)

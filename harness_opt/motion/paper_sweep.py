@@ -12,6 +12,7 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed
+from harness_opt.model.travel import Moments
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.snaps import first_shape
@@ -58,8 +59,9 @@ def sweep_by_quadrature(
             answer = solve_by_quadrature(posed, before, options)
             if not answer.status.ok:
                 status = answer.status
+                at = Moments.of(problem).words(float(motion[k]))
                 message = (
-                    f"cable {name}, frame {k} of {len(motion)} (motion {motion[k]:.4f}): differential quadrature on "
+                    f"cable {name}, frame {k} of {len(motion)} ({at}): differential quadrature on "
                     f"{answer.points} points: {status.value}; try more points, or the collocation"
                 )
                 break

@@ -5,6 +5,9 @@ The paper's dispersion, section 4.2: the trail of the moving clamp is cut into p
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -83,3 +86,25 @@ def given_frames(frames: ArrayLike, spatial_step: float | None) -> Array:
     if not (increasing and motion[0] >= 0.0 and motion[-1] <= 1.0):
         raise ProblemError(f"frames: found {frames!r}, expected increasing numbers from 0 to 1")
     return motion
+
+
+def clamp_twist(problem: Problem, name: str) -> float | None:
+    """Return the twist, rad, that the clamps build into a cable; None where they leave it none to keep.
+
+    Of a cable that is fitted untwisted, what its ends are turned by afterwards. Else what joins the clamps along the
+    curve that the first shape is looked for from: nothing is solved for it.
+    """
+    run = problem.cables[name]
+    if run.untwisted is not None:
+        return 2.0 * math.pi * run.turned_in
+    # only a cable whose rolls are given asks for what solves
+    from harness_opt.rod.boundary import HELD, case
+    from harness_opt.rod.link import twist
+    from harness_opt.statics.cold_start import wound_curve
+
+    fixed = dataclasses.replace(problem, cables={name: run.to_fit})
+    posed = case(run.cable, *fixed.ends(name, [0.0])[0], np.asarray(problem.gravity))
+    if not posed.boundary.kind.start_held == posed.boundary.kind.end_held == HELD:
+        return None
+    bow = posed.load if run.bow is None and np.any(posed.load) else run.bow
+    return 2.0 * math.pi * twist(wound_curve(posed, int(run.end.turns), None if bow is None else np.asarray(bow)).q)

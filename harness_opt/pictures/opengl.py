@@ -19,7 +19,7 @@ from typing import Any
 from harness_opt.errors import HarnessError
 
 WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
-REMEDY = "install it (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri), or use --no-pictures"
+REMEDY = "install it (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri), or leave --pictures and --film out"
 
 
 def load_pyvista() -> Any:

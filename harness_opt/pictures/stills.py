@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.results import LimitResult, Motion
+from harness_opt.model.travel import Moments
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene, load_scene
@@ -102,8 +103,19 @@ def _rows_of_zero(motion: Motion, scene: Scene) -> tuple[LimitResult, ...]:
     return all_limits(problem, motion, touching)
 
 
+def still_names(result: Motion | Redesign) -> list[str]:
+    """Return the names of the pictures that :func:`write_pictures` draws of ``result``."""
+    motion = result if isinstance(result, Motion) else result.motion
+    if not len(motion.motion):
+        return []  # nothing was solved, so there is nothing to see
+    return ["worst.png"] if isinstance(result, Motion) else ["worst.png", "before_after.png"]
+
+
 def write_pictures(
-    result: Motion | Redesign, folder: str | os.PathLike[str], clearances: ClearanceResult | None = None
+    result: Motion | Redesign,
+    folder: str | os.PathLike[str],
+    clearances: ClearanceResult | None = None,
+    drawn: Callable[[], None] = lambda: None,
 ) -> list[str]:
     """Write the pictures of a result as PNG files of 1600 x 900 pixels, and return their names.
 
@@ -111,14 +123,15 @@ def write_pictures(
         result: a motion (``worst.png``), or a redesign (that of the new design, and ``before_after.png``).
         folder: made where it is missing.
         clearances: of the motion; None measures them here. A redesign brings its own.
+        drawn: called after each.
 
     Raises:
         HarnessError: pyvista or OpenGL is missing; one line with the remedy.
         ProblemError: a mesh that cannot be read.
     """
     motion = result if isinstance(result, Motion) else result.motion
-    if not len(motion.motion):
-        return []  # nothing was solved, so there is nothing to see
+    if not still_names(result):
+        return []
     scene = load_scene(motion.problem)
     if isinstance(result, Motion):
         if clearances is None:
@@ -126,23 +139,24 @@ def write_pictures(
         title = motion.problem.title or "Worst moment"
         rows = all_limits(motion.problem, motion, clearances)
         views = [worst_view(motion, scene, rows, title)]
-        drawn = {"worst.png": views}
+        asked = {"worst.png": views}
     else:
         changed = _changes(result)
         views = [
             worst_view(result.motion_before, scene, result.limits_before or (), "Before"),
             worst_view(motion, scene, result.limits, f"After: {changed}", CABLES_AFTER),
         ]
-        drawn = {"worst.png": [replace(views[1], title=f"Redesigned: {changed}")], "before_after.png": views}
+        asked = {"worst.png": [replace(views[1], title=f"Redesigned: {changed}")], "before_after.png": views}
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    for name, shown in drawn.items():
+    for name, shown in asked.items():
         plotter = still(shown, alike=views)
         try:
             plotter.screenshot(folder / name)
+            drawn()
         finally:
             plotter.close()
-    return list(drawn)
+    return list(asked)
 
 
 def still(views: Sequence[View], alike: Sequence[View] = ()) -> pv.Plotter:
@@ -269,7 +283,7 @@ def _write_words(plotter: pv.Plotter, view: View) -> None:
         answer = {"no": "violated", "yes": "held", "uncertain": "not certain"}[row.holds]
         words.append(f"limit {_quantity(row.id.kind, row.limit)} {answer}")
     if moves:
-        words.append(f"at {100 * row.motion:.0f} % of the motion")
+        words.append(f"at {Moments.of(shown.motion.problem).words(row.motion)}")
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True
     _write(plotter, ", ".join(words), (0.03, 0.892), 12, TOUCHES if view.violated else INK)
     used = {tuple(colour) for name in shown.colours for colour in cable_colours(shown, name)[1]}

@@ -15,8 +15,7 @@ from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem, left_out
-from harness_opt.motion.cases import clamp_twist
-from harness_opt.motion.path import place_frames
+from harness_opt.motion.path import clamp_twist, place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Geometry, Mesh, Scene

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.files.summary import LimitEntry, Summary, limit_of
+from harness_opt.files.summary import LimitEntry, Summary, limit_of, moments_of
 from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
@@ -46,8 +46,8 @@ def conclusion(summary: Summary) -> str:
         return tables.conclusion(summary)
     tight = min(rows, key=_share)
     margin = tables.quantity(tight, tight["margin"])
-    at = tables.percent(tight["motion"])
-    return f"The tightest of {len(rows)} is {tables.limit_words(tight)}: {margin} to spare, at {at} of the motion."
+    at = moments_of(summary).words(tight["motion"])
+    return f"The tightest of {len(rows)} is {tables.limit_words(tight)}: {margin} to spare, at {at}."
 
 
 def limit_rows(rows: Sequence[LimitEntry]) -> list[Json]:

@@ -22,6 +22,7 @@ from harness_opt.files.summary import (
     CycleEntry,
     LimitEntry,
     PairEntry,
+    PathEntry,
     PriceEntry,
     ProblemEntry,
     RangeEntry,
@@ -32,6 +33,7 @@ from harness_opt.files.summary import (
     SnapEntry,
     StepEntry,
     Summary,
+    TravelEntry,
     VariableEntry,
     Verdict,
     WithinEntry,
@@ -44,6 +46,7 @@ from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion, Snap
+from harness_opt.model.travel import Moments
 from harness_opt.numerics.rotations import Array
 from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
 
@@ -115,6 +118,7 @@ def summary(
         "reason": result.status.name.lower(),
         "message": result.message,
         "frames": len(motion.motion),
+        "path": _path(motion.problem),
         "limits": [_limit(row, measured) for row in rows],
         "clearances": [_pair(pair) for pair in measured.pairs],
         "open_meshes": sorted({pair.obstacle.name for pair in measured.pairs if not pair.closed}),
@@ -135,6 +139,12 @@ def summary(
         content["redesign"] = redesign_summary(result)
     found: Summary = _strict(content)
     return found
+
+
+def _path(problem: Problem) -> PathEntry:
+    moments = Moments.of(problem)
+    ways = [TravelEntry(body=w.body, unit=w.unit, start=w.start, stop=w.stop) for w in moments.ways]
+    return PathEntry(ways=ways, duration=moments.duration, out_and_back=moments.out_and_back)
 
 
 def _snap(snap: Snap) -> SnapEntry:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -14,27 +15,35 @@ from harness_opt.files.summary import (
     RobustEntry,
     Summary,
     limit_of,
+    moments_of,
 )
 from harness_opt.model.limits import DEGREES, KIND_OF_KEY, MILLIMETRES, Unit, spoken
+from harness_opt.model.travel import Moments
 from harness_opt.report.text_table import WIDTH, laid_out
 
 LEAST_BOUGHT = 0.05  # of what the best variable buys, in its unit: less is not worth saying
 TRADES = 2  # variables named for each limit
 SAVED = {"change": ("{:.2g} % of the change", 100.0), "length": ("{:.2g} mm of length", 1e3)}
 ANSWERS = {"yes": "OK", "no": "VIOLATED", "uncertain": "UNCERTAIN"}
-HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "arc mm", "")
-LEFT = {0, 1, 2, 6, 9}  # columns set to the left, the others to the right
+HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "", "arc mm", "")
+LEFT = {0, 1, 2, 6, 10}  # columns set to the left, the others to the right
 SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
 NAMES = (2, 1)  # columns that may be cut, in this order
+NO_MOMENTS = Moments((), 0.0)
 LARGE = 1e5  # from which numbers are rounded to two digits: a straight cable's bend radius
 
 
-def table(limits: Sequence[LimitEntry]) -> str:
-    """Return the limits of a summary as a table of at most 80 columns; nothing where there are none."""
-    return "\n".join(laid_out([HEAD, *(_cells(row) for row in limits)], LEFT, NAMES)) if limits else ""
+def table(limits: Sequence[LimitEntry], moments: Moments = NO_MOMENTS) -> str:
+    """Return the limits of a summary as a table of at most 80 columns; nothing where there are none.
+
+    Args:
+        limits: the rows.
+        moments: what their moments are told in beside per cent.
+    """
+    return "\n".join(laid_out([HEAD, *(_cells(row, moments) for row in limits)], LEFT, NAMES)) if limits else ""
 
 
-def _cells(row: LimitEntry) -> tuple[str, ...]:
+def _cells(row: LimitEntry, moments: Moments) -> tuple[str, ...]:
     kind = KIND_OF_KEY[row["name"]]
     return (
         kind.words,
@@ -44,6 +53,7 @@ def _cells(row: LimitEntry) -> tuple[str, ...]:
         _number(row["worst"], kind.unit.factor),
         _number(row["margin"], kind.unit.factor, "+"),
         kind.unit.name if row["worst"] is not None else "",
+        "" if row["worst"] is None else moments.short(row["motion"]),
         *where(row),
         ANSWERS[row["holds"]],
     )
@@ -99,7 +109,7 @@ def limit_words(row: LimitEntry) -> str:
 
 def report(summary: Summary) -> str:
     """Return a whole summary in words: title, limits, what changed, what to know, the verdict last."""
-    blocks = [_headline(summary), table(summary["limits"]), data_sheet(summary), _changes(summary)]
+    blocks = [_headline(summary), table(summary["limits"], moments_of(summary)), data_sheet(summary), _changes(summary)]
     told = [*notes(summary), *redesign_words(summary), conclusion(summary)]
     blocks.append("\n".join(_wrapped(note) for note in told))
     return "\n\n".join(block for block in blocks if block)
@@ -143,7 +153,7 @@ def advice(summary: Summary, folder: Path | None) -> list[str]:
         lines.append("Next: widen bounds in [design.variables], let more change, or relax a limit in the way.")
     if "report.html" in summary["files"]:
         lines.append(f"Report: {folder / 'report.html'}")
-        if "pictures" not in summary["left_out"]:
+        if importlib.util.find_spec("pyvista") is not None:
             lines.append(f"Window: harness-opt show {folder}")
     return lines
 
@@ -177,7 +187,7 @@ def _changes(summary: Summary) -> str:
 def notes(summary: Summary) -> Iterable[str]:
     """Give what to know about a summary, a sentence each."""
     for snap in summary["snaps"]:
-        at = f"motion {percent(snap['motion'])} (frame {snap['frame']})"
+        at = f"{moments_of(summary).words(snap['motion'])}, frame {snap['frame']}"
         through = ", through itself," if snap["passes_through_itself"] else ""
         yield f"Cable {snap['cable']} snaps to another shape{through} at {at}."
     if summary["frames"] and not summary["stable"]:
@@ -188,8 +198,9 @@ def notes(summary: Summary) -> Iterable[str]:
     near = [words for entry in summary["clearances"] if (words := _excluded(entry))]
     if near:
         yield f"Not measured where the cable leaves its clamp: {', '.join(near)}."
-    if summary["left_out"]:
-        yield f"Left out: {', '.join(summary['left_out'])}."
+    missing = [words for words in summary["left_out"] if words != "pictures"]  # they are drawn where asked for
+    if missing:
+        yield f"Left out: {', '.join(missing)}."
 
 
 def _certainty(summary: Summary) -> Iterable[str]:
@@ -217,7 +228,8 @@ def _excluded(entry: PairEntry) -> str:
 def conclusion(summary: Summary) -> str:
     """Return the verdict as a sentence or two."""
     limits, status = summary["limits"], summary["status"]
-    short = [f"{limit_words(row)} ({_shortfall(row)})" for row in limits if row["holds"] == "no"]
+    moments = moments_of(summary)
+    short = [f"{limit_words(row)} ({_shortfall(row, moments)})" for row in limits if row["holds"] == "no"]
     unsure = [limit_words(row) for row in limits if row["holds"] == "uncertain"]
     if status == "unsolved":
         return f"Not solved: {summary['message'] or summary['reason']}"
@@ -238,10 +250,10 @@ def conclusion(summary: Summary) -> str:
     return "The limit holds." if len(limits) == 1 else f"All {len(limits)} limits hold."
 
 
-def _shortfall(row: LimitEntry) -> str:
+def _shortfall(row: LimitEntry, moments: Moments) -> str:
     if row["margin"] is None:
         return "not known"
-    return f"by {quantity(row, -row['margin'])} at motion {percent(row['motion'])}"
+    return f"by {quantity(row, -row['margin'])} at {moments.words(row['motion'])}"
 
 
 def _wrapped(words: str) -> str:

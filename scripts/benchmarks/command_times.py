@@ -20,7 +20,8 @@ from pathlib import Path
 
 PROBLEM = Path(__file__).resolve().parents[2] / "problems" / "lift_arm" / "lift_arm.toml"
 COMMANDS = (
-    ("check",), ("simulate", "--no-pictures"), ("redesign", "--no-pictures"), ("simulate",), ("redesign",),
+    ("check",), ("simulate",), ("redesign",), ("simulate", "--pictures", "--film"),
+    ("redesign", "--pictures", "--film"),
 )  # fmt: skip
 
 

@@ -64,7 +64,7 @@ def tried(command: str, file: str, folder: Path) -> Outcome:
 
     arguments = [command, file]
     if command in ("simulate", "redesign"):
-        arguments += ["--no-pictures", "--time-limit", TIME_LIMIT]
+        arguments += ["--time-limit", TIME_LIMIT]
     elif command == "export":
         arguments += ["--to", "csv", "--to", "gltf"]
     elif command == "study":
@@ -126,7 +126,7 @@ def result_of(example: Example, folder: Path) -> Example:
 
     put(example.contents, folder)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        main(["simulate", str(folder / example.file), "-o", str(folder / "result"), "--no-pictures", "-q"])
+        main(["simulate", str(folder / example.file), "-o", str(folder / "result"), "-q"])
     files = [file for file in (folder / "result").rglob("*") if file.is_file()]
     return Example("result/summary.json", {f.relative_to(folder).as_posix(): f.read_bytes() for f in files})
 

@@ -129,7 +129,7 @@ def main() -> int:
                     (folder / "out").rename(folder / f"out{time.monotonic_ns()}")
                 ends[killed(command, folder, dice, whole)] += 1
                 left += bool(hidden(folder / "out"))
-            started(command, folder, "--no-pictures").wait(LONGEST)
+            started(command, folder).wait(LONGEST)
             if hidden(folder / "out"):
                 raise RuntimeError(f"{command}: the next run left {hidden(folder / 'out')}")
         words = ", ".join(f"{count} {end}" for end, count in sorted(ends.items()))

@@ -212,8 +212,8 @@ def test_simulate_where_all_limits_hold(here, capsys):
     assert "All 3 limits hold." in out
     assert "Results: results/flap/" in out
     assert max(map(len, out.splitlines())) <= tables.WIDTH
-    assert err.startswith("lead: ")  # progress
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "used"]
+    assert err.startswith("solving lead: ")  # progress
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "used"]
 
 
 def test_simulate_where_a_limit_is_violated(here, capsys):
@@ -280,10 +280,10 @@ def test_a_reader_that_goes_away_changes_nothing(here):
 def test_redesign_that_holds_and_its_problem_passes(here, capsys):
     assert main(["redesign", put(HIT), *PLAIN, "-o", "better"]) == 0
     assert "lead.length: 0.3 -> " in capsys.readouterr().out
-    names = ["before.npz", "motion.npz", "redesigned.toml", "summary.json", "used"]
+    names = ["before.npz", "motion.npz", "redesigned.toml", "report.html", "summary.json", "used"]
     assert sorted(os.listdir("better")) == names
     assert main(["simulate", "better/redesigned.toml", *PLAIN]) == 0
-    assert sorted(os.listdir("results/redesigned")) == ["motion.npz", "summary.json", "used"]
+    assert sorted(os.listdir("results/redesigned")) == ["motion.npz", "report.html", "summary.json", "used"]
 
 
 def test_redesign_that_finds_none(here, capsys):
@@ -320,7 +320,7 @@ def test_an_interrupt_keeps_what_was_finished(here, command):
         arguments, cwd=here, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stderr is not None
-        assert process.stderr.readline().startswith("lead: ")
+        assert process.stderr.readline().startswith(("solving lead: ", "looking at design 1: "))
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120)
     assert process.returncode == 130
@@ -369,7 +369,7 @@ def test_an_interrupt_while_pictures_are_drawn_keeps_the_result(here, monkeypatc
         raise AssertionError("still drawing")
 
     monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
-    assert main(["simulate", put(FLAP), "-q"]) == 130
+    assert main(["simulate", put(FLAP), "-q", "--pictures"]) == 130
     stored = read_results("results/flap").summary
     assert (stored["status"], stored["left_out"][-1]) == ("ok", "pictures")
     assert os.listdir("results") == ["flap"]

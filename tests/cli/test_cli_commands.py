@@ -15,24 +15,41 @@ from harness_opt.cli import streams
 from harness_opt.cli.commands import main
 from harness_opt.cli.interrupts import Interrupts
 from harness_opt.cli.progress import progress_for
+from harness_opt.cli.run import Voice
 from harness_opt.errors import HarnessError
 from harness_opt.files.read import read_problem
 from harness_opt.files.stored_results import read_results
+from harness_opt.motion.follower import Progress
+from harness_opt.report import result_files
 from oracles.flap import FLAP, HIT, PLAIN, WALLED, environment, put, run, stand_in, strict
 
 # --- pictures and show ---------------------------------------------------------------------------------
 
 
-def test_pictures_are_drawn_into_the_folder(here, monkeypatch):
-    def draw(result: object, folder: Path, clearances: object = None) -> list[str]:
+def test_pictures_are_drawn_where_they_are_asked_for(here, capsys, monkeypatch):
+    asked: list[tuple[bool, bool]] = []
+
+    def draw(
+        result: object, folder: Path, clearances: object, pictures: bool, film: bool, progress: Progress
+    ) -> list[str]:
         assert clearances is not None
+        asked.append((pictures, film))
+        progress("pictures", 1, 1)
         (folder / "worst.png").write_bytes(b"PNG")
         return ["worst.png"]
 
     monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
-    assert main(["simulate", put(FLAP), "-q"]) == 0
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "used", "worst.png"]
-    assert "pictures" not in read_results("results/flap").summary["left_out"]
+    assert main(["simulate", put(FLAP)]) == 0
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "report.html", "summary.json", "used"]
+    for options in (["--pictures"], ["--film"], ["--pictures", "--film"]):
+        assert main(["simulate", put(FLAP), *options]) == 0
+    names = ["motion.npz", "report.html", "summary.json", "used", "worst.png"]
+    assert sorted(os.listdir("results/flap")) == names, "added to the report, in one step"
+    stored = read_results("results/flap").summary
+    assert "pictures" not in stored["left_out"]
+    assert stored["files"] == names
+    assert asked == [(True, False), (False, True), (True, True)]
+    assert "pictures: 1 of 1\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -48,19 +65,19 @@ def test_pictures_that_fail_change_nothing_else(here, capsys, monkeypatch, error
         raise error
 
     monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=draw))
-    assert main(["simulate", put(HIT)]) == 1
+    assert main(["simulate", put(HIT), "--pictures"]) == 1
     out, err = capsys.readouterr()
     assert err.splitlines()[-1].startswith("Pictures left out: ")
     assert words in err
     assert "VIOLATED" in out
     names = ["motion.npz", "report.html", "summary.json", "used"]
     assert sorted(os.listdir("results/flap")) == names, "the report needs none"
-    assert "other cables, pictures." in Path("results/flap/report.html").read_text(encoding="utf-8")
+    assert "other cables." in Path("results/flap/report.html").read_text(encoding="utf-8")
 
 
 def test_no_pictures_room_at_all(here, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", None)
-    assert main(["simulate", put(FLAP)]) == 0
+    assert main(["simulate", put(FLAP), "--film"]) == 0
     assert 'pip install "harness-opt[pictures]"' in capsys.readouterr().err
 
 
@@ -108,7 +125,7 @@ def test_a_new_problem_runs_and_can_be_redeemed(here, capsys):
     assert main(["check", file]) == 0
     assert main(["redesign", file, *PLAIN]) == 0
     out = capsys.readouterr().out
-    assert out.endswith("Next: harness-opt simulate results/my 'cable'/redesigned.toml\n")
+    assert "\nNext: harness-opt simulate results/my 'cable'/redesigned.toml\n" in out
     before = Path(file).read_bytes()
     assert main(["new", file]) == 2
     assert "expected a new one" in capsys.readouterr().err
@@ -119,15 +136,16 @@ def test_a_new_problem_runs_and_can_be_redeemed(here, capsys):
 
 def test_what_to_do_next(here, capsys):
     assert main(["simulate", put(HIT), *PLAIN]) == 1
-    assert capsys.readouterr().out.endswith("Next: harness-opt redesign flap.toml\n")
+    assert "\nNext: harness-opt redesign flap.toml\n" in capsys.readouterr().out
     assert main(["simulate", put(FLAP), *PLAIN]) == 0
-    assert capsys.readouterr().out.endswith(f"Results: results/flap{os.sep}\n")
+    out = capsys.readouterr().out
+    assert f"Results: results/flap{os.sep}\n" in out
+    assert "Next: " not in out
     assert main(["redesign", put(WALLED), *PLAIN]) == 1
     assert "Next: widen bounds in [design.variables]" in capsys.readouterr().out
 
 
-def test_the_report_is_named(here, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=lambda *_, **__: []))
+def test_the_report_is_named(here, capsys):
     assert main(["simulate", put(FLAP)]) == 0
     assert "Report: results/flap/report.html\n" in capsys.readouterr().out
 
@@ -207,17 +225,51 @@ def test_export_that_cannot_be(here, capsys, monkeypatch):
 
 
 def test_progress_tells_the_time_left(monkeypatch):
-    clock = iter([0.0, 10.0, 20.0])
-    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
     stream = io.StringIO()
     with Interrupts(print) as interrupts, progress_for(interrupts, stream) as progress:
         for done in (2, 12, 22):
             progress("lead", done, 52)
+            clock[0] += 10.0
     assert stream.getvalue().splitlines() == [
-        "lead: 2 of 52 frames",
-        "lead: 12 of 52 frames, about 40 s left",
-        "lead: 22 of 52 frames, about 30 s left",
+        "lead: 2 of 52",
+        "lead: 12 of 52, about 40 s left",
+        "lead: 22 of 52, about 30 s left",
     ]
+
+
+def test_several_cables_have_one_estimate(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    stream = io.StringIO()
+    with Interrupts(print) as interrupts, progress_for(interrupts, stream) as progress:
+        told = progress.solving(["lead", "earth"])
+        for name, done in (("lead", 5), ("lead", 10), ("earth", 5)):
+            told(name, done, 10)
+            clock[0] += 10.0
+        progress.tell("certifying clearances", 1, 3)
+    assert stream.getvalue().splitlines() == [
+        "solving lead: 5 of 20",
+        "solving lead: 10 of 20, about 20 s left",
+        "solving earth: 15 of 20, about 10 s left",
+        "certifying clearances: 1 of 3",
+    ]
+
+
+def test_designs_are_counted(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    stream = io.StringIO()
+    with Interrupts(print) as interrupts, progress_for(interrupts, stream) as progress:
+        told = progress.designs()
+        for name, done in (("a", 2), ("a", 9), ("b", 2), ("b", 9), ("a", 2), ("b", 2), ("a", 1)):
+            told(name, done, 9)
+            clock[0] += 10.0
+    assert stream.getvalue().splitlines() == [
+        f"looking at design {number}: {done} of 9"
+        for number, done in ((1, 2), (1, 9), (1, 2), (1, 9), (2, 2), (2, 2), (3, 1))
+    ], "frames of one of many designs say nothing of the end"
 
 
 def test_a_terminal_gets_a_bar(monkeypatch):
@@ -229,9 +281,23 @@ def test_a_terminal_gets_a_bar(monkeypatch):
     stream = Terminal()
     with Interrupts(print) as interrupts, progress_for(interrupts, stream) as progress:
         progress("[lead]", 1, 2)
-        progress("redesign", 1, 0)
     assert "[lead]" in stream.getvalue()
     assert "1/2" in stream.getvalue()
+
+
+def test_the_verdict_stands_before_anything_is_written(here, monkeypatch):
+    said: list[str] = []
+    monkeypatch.setattr(cli, "VOICE", Voice(said.append, lambda *_: None, lambda _: None))
+    write = result_files.write_results
+
+    def late(*arguments: object, **options: object) -> object:
+        assert "1 of 3 limits violated" in " ".join(said[-1].split()), "told, and nothing written yet"
+        assert not Path("results").exists()
+        return write(*arguments, **options)
+
+    monkeypatch.setattr(result_files, "write_results", late)
+    assert main(["simulate", put(HIT)]) == 1
+    assert said[-1].startswith("Results: ")
 
 
 def test_the_command_line_alone_is_light(here):

@@ -263,7 +263,7 @@ def test_certificates_end_with_the_time_and_say_so(here, capsys, monkeypatch):
     rows = [row for row in content["limits"] if row["name"] == "clearance"]
     assert rows and not any(row["certified"] for row in rows)
     assert {row["reason"] for row in rows} == {STOPPED}
-    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "used"], "no time for pictures"
+    assert sorted(os.listdir("results/flap")) == ["motion.npz", "summary.json", "used"], "no time for a report"
 
 
 def test_a_solve_that_never_comes_to_a_safe_point_is_cut_off(here, monkeypatch):
@@ -288,7 +288,7 @@ def test_pictures_are_cut_off_too(here, monkeypatch):
 
     monkeypatch.setattr("harness_opt.cli.interrupts.LEAST_GRACE", 0.1)
     monkeypatch.setitem(sys.modules, "harness_opt.pictures.film", stand_in(write_pictures_and_film=endless))
-    assert main(["simulate", put(FLAP), "-q", "--time-limit", "4"]) == 0
+    assert main(["simulate", put(FLAP), "-q", "--pictures", "--time-limit", "4"]) == 0
     stored = read_results("results/flap").summary
     assert (stored["status"], stored["left_out"][-1]) == ("ok", "pictures")
     assert os.listdir("results") == ["flap"]

@@ -113,6 +113,7 @@ function redraw() {
 
 function go(moment) {
   state.moment = Math.max(0, Math.min(1, moment));
+  one("#slider").value = state.moment;
   redraw();
 }
 
