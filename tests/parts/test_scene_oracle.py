@@ -273,7 +273,7 @@ def test_primitives_against_fine_meshes_and_coal(name, rng):
         assert d == pytest.approx(wanted, abs=1e-12)
     np.testing.assert_allclose(points - distance[:, None] * gradient, nearest, atol=1e-14)
     np.testing.assert_allclose(geometry.signed_distance(nearest)[0], 0.0, atol=1e-14)
-    np.testing.assert_allclose(geometry.lower_bound(points), distance, atol=1e-15)
+    assert np.array_equal(geometry.lower_bound(points), distance)
     _check_gradient(geometry, points)
     # the box that holds the part: touched on all sides, never left
     surface = nearest[np.abs(distance) > 0]
