@@ -31,6 +31,7 @@ from harness_opt.rod.states import Rod
 FAR = 1e4  # lengths of the cable: how long the rays are
 SPREAD = 0.7  # rad, between the rays of a bundle and the clamp's tangent
 TURNING = 0.15  # rad, most that the centreline turns by between two points of the polygon
+PAIRS = 10_000  # of sides looked at together: few enough to stay in the processor's cache
 POINTS = (60, 1500)  # of the polygon, at least and at most
 
 
@@ -44,17 +45,20 @@ def writhe(points: Array, *, closed: bool = False) -> float:
     """Return the writhe, in turns, of a polygon (N, 3); ``closed`` has a side from the last point to the first."""
     ends = np.vstack([points[1:], points[:1]]) if closed else points[1:]
     begins = points if closed else points[:-1]
-    count, total = len(begins), 0.0
-    for i in range(count - 2):
-        last = count - 1 if closed and i == 0 else count  # its neighbour round the end
-        total += float(np.sum(_crossings(begins[i], ends[i], begins[i + 2 : last], ends[i + 2 : last])))
-    return 2.0 * total
+    one, other = np.triu_indices(len(begins), 2)
+    if closed:
+        apart = other - one < len(begins) - 1  # not neighbours round the end
+        one, other = one[apart], other[apart]
+    some = (slice(first, first + PAIRS) for first in range(0, len(one), PAIRS))
+    pairs = ((one[k], other[k]) for k in some)
+    return 2.0 * math.fsum(float(np.sum(_crossings(begins[i], ends[i], begins[j], ends[j]))) for i, j in pairs)
 
 
 def _crossings(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return what sides from ``c`` to ``d`` (n, 3) contribute to the writhe with that from ``a`` to ``b`` (3,), (n,).
+    """Return what sides from ``c`` to ``d`` (n, 3) contribute to the writhe with those from ``a`` to ``b``, (n,).
 
-    Klenin and Langowski's Omega / (4 pi): the solid angle of the quadrangle of directions from one side to the other.
+    ``a`` and ``b`` are (n, 3), or (3,) of one side against all. Klenin and Langowski's Omega / (4 pi): the solid angle
+    of the quadrangle of directions from one side to the other.
     """
     tiny = np.finfo(float).tiny
     ac, ad, bc, bd = c - a, d - a, c - b, d - b
