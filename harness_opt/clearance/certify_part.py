@@ -31,9 +31,9 @@ CLAMP_SAMPLES = 65  # of the clamps' ways across an interval in which the shape 
 BENT = 1.1  # most that a clamp's way between two such samples is longer than its chord
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Seen:
-    """A moving centreline, and the body it is seen from.
+    """A moving centreline, and the body it is seen from; the same for all parts of the body.
 
     Args:
         curve: in the world, or in the body's coordinates; then the body stands still.
@@ -47,6 +47,26 @@ class Seen:
     poses: Poses
     rates: Callable[[Array, Array], Rates]
     clamps: tuple[Callable[[Array], Array] | None, Callable[[Array], Array] | None]
+
+    def __post_init__(self) -> None:
+        self._swept: tuple[Array, Array, tuple[Array, Array, Array]] | None = None  # what it was made of, and it
+
+    def swept(self, arcs: Array) -> tuple[Array, Array, Array]:
+        """Return the places at ``arcs`` (M,) in all frames, (P, M, 3), m, and how far what is between is from them.
+
+        That is half the ways from one place to the next (P - 1,), m, and how far it strays from these (P - 1,), m.
+        """
+        curve = self.curve
+        made = self._swept
+        # bounds are found anew with every frame that is added, and where estimates are raised
+        if made is None or made[0] is not curve.acceleration or not np.array_equal(made[1], arcs):
+            y = np.concatenate([self.frames(some).grid(arcs) for some in in_blocks(np.arange(len(curve.times)))])
+            step = np.diff(curve.times)
+            ways = 0.5 * lengths(np.diff(y, axis=0)).max(axis=1)
+            along = np.diff(arcs).max() ** 2 * curve.bend.max(axis=1)
+            strays = 0.125 * (step**2 * self.acceleration().max(axis=1) + along)
+            self._swept = made = curve.acceleration, arcs, (y, ways, strays)
+        return made[2]
 
     def points(self, at: Array, world: Array) -> Array:
         """Return points ``world`` (k, 3), m, in the body's coordinates at motion values (k,)."""
@@ -125,31 +145,30 @@ class PartSearch(Search):
     def first_cells(self) -> tuple[Cells, float]:
         """See :meth:`Search.first_cells`: between stations and frames, by balls round the four corners."""
         curve, arcs = self._curve, self._arcs
-        frames = np.arange(len(curve.times))
-        lower = np.empty((len(frames), len(arcs)))
-        new = np.flatnonzero(~np.isin(curve.times, curve.frames.given))
-        lower[np.setdiff1d(frames, new)] = self._lower
-        if len(new):
+        lower = self._lower
+        if curve.frames.inserted:
+            given = np.isin(curve.times, curve.frames.given)
+            lower = np.empty((len(given), len(arcs)))
+            lower[given] = self._lower
+            new = np.flatnonzero(~given)
             lower[new] = survey(self.task, self._seen.frames(new), self._geometry, arcs, -math.inf)[1]
-        y = np.concatenate([self._seen.frames(some).grid(arcs) for some in in_blocks(frames)])
         # whole intervals first: nothing in one is further from a place that was looked at than half the ways
-        ways = 0.5 * lengths(np.diff(y, axis=0)).max(axis=1) + 0.5 * np.diff(arcs).max()
-        step = np.diff(curve.times)
-        off = 0.125 * (
-            step**2 * self._seen.acceleration().max(axis=1) + np.diff(arcs).max() ** 2 * curve.bend.max(axis=1)
-        )
+        y, ways, off = self._seen.swept(arcs)
+        ways = ways + 0.5 * np.diff(arcs).max()
         all_of = np.minimum(lower[1:], lower[:-1]).min(axis=1) - ways - off - curve.error - curve.deviation.max(axis=1)
         near = ~curve.broken & (all_of < self.floor)
         settled = float(all_of[~curve.broken & ~near].min(initial=math.inf))
+        if not np.any(near):
+            return Cells(np.zeros(0), np.zeros(0), np.zeros((0, 2))), settled
         interval, arc = np.nonzero(near[:, None] & np.ones(len(arcs) - 1, dtype=bool))
         both = np.column_stack([arcs[arc], arcs[arc + 1]])
         cells = Cells(curve.times[interval], curve.times[interval + 1], both)
         corners = [(interval + i, arc + j) for i in (0, 1) for j in (0, 1)]
         middle = np.mean([y[corner] for corner in corners], axis=0)
-        ways = [lengths(y[corner] - middle) for corner in corners]
-        at_middle = np.max([lower[corner] - way for corner, way in zip(corners, ways, strict=True)], axis=0)
+        to_middle = [lengths(y[corner] - middle) for corner in corners]
+        at_middle = np.max([lower[corner] - way for corner, way in zip(corners, to_middle, strict=True)], axis=0)
         off = self._strays(cells) + curve.error + self._doubt(cells)
-        bound = at_middle - np.max(ways, axis=0) - off
+        bound = at_middle - np.max(to_middle, axis=0) - off
         loose = bound < self.floor
         return cells.take(loose), min(settled, float(bound[~loose].min(initial=math.inf)))
 

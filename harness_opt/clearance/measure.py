@@ -44,7 +44,6 @@ from harness_opt.model.results import CableMotion, LimitResult, Motion, Quantiti
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
-from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.scene import Scene, load_scene
 
 __all__ = ["Between", "ClearanceResult", "Curve", "Options", "PairClearance", "Witnesses", "measure"]
@@ -138,7 +137,9 @@ def _against_parts(
         pair = _pair(given, task, Obstacle(name), found)
         pair = replace(pair, excluded=held, closed=geometry.closed)
         if views is not None and task.limit is not None and found.lower is not None:
-            pair = _certified(pair, motion, _searched(views, task, geometry, pair, found.lower))
+            view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, held)
+            search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
+            pair = _certified(pair, motion, search.certificate())
         yield _in_world(pair, problem, geometry.body, motion)
 
 
@@ -229,6 +230,7 @@ class _Views:
         turns = np.array([0.5]) if given.problem.out_and_back else np.zeros(0)
         self.frames: dict[str, SolvedFrames] = {}
         self._curves: dict[tuple[str, str], MovingCurve] = {}
+        self.seen = functools.lru_cache(MOST_VIEWS)(self._see)
         for name, shapes in given.cables.items():
             frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
             jumps = 0.5 * (motion[frames - 1] + motion[frames])
@@ -246,8 +248,9 @@ class _Views:
     def forget(self, cable: str) -> None:
         """Let go of how bodies see ``cable``: each view takes several times the memory of the frames."""
         self._curves = {key: curve for key, curve in self._curves.items() if key[0] != cable or key[1] == WORLD}
+        self.seen.cache_clear()
 
-    def seen(self, cable: str, body: str) -> Seen:
+    def _see(self, cable: str, body: str) -> Seen:
         """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
         problem, run = self._problem, self._problem.cables[cable]
         clamps = (self._clamp(run.start, body), self._clamp(run.end, body))
@@ -324,12 +327,6 @@ def _pair(given: Motion, task: Task, obstacle: Obstacle, found: Found) -> PairCl
     )
 
 
-def _searched(views: _Views, task: Task, geometry: Geometry, pair: PairClearance, lower: Array) -> Certificate:
-    """Return what a search of the whole motion finds of a pair of a cable and a part."""
-    view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, pair.excluded)
-    return PartSearch(task, view, geometry, arcs, pair.start, lower).certificate()
-
-
 def _certified(pair: PairClearance, motion: Array, found: Certificate) -> PairClearance:
     """Return a pair with what was found through the motion."""
     nearest = int(np.argmin(np.abs(motion - found.motion)))
@@ -347,6 +344,8 @@ def _in_world(pair: PairClearance, problem: Problem, body: str, motion: Array) -
     """Turn witnesses from the coordinates of ``body`` to the world."""
 
     def turned(old: Witnesses, at: Array) -> Witnesses:
+        if body == WORLD:
+            return replace(old, normal=old.normal + 0.0, point=old.point + 0.0)  # zeros without a sign, as below
         position, quaternion = problem.poses(body, at)
         normal, point = rotations.rotate(quaternion, old.normal), position + rotations.rotate(quaternion, old.point)
         return replace(old, normal=normal, point=point)

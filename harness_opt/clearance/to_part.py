@@ -59,6 +59,8 @@ def entered_again(task: Task, geometry: Geometry, lengths_off: tuple[float, floa
     """
     curve, none = task.curve, np.zeros(0, dtype=np.int64)
     frames, places = [none], [np.zeros(0)]
+    if not any(lengths_off):
+        return _nowhere()
     for length, from_end in zip(lengths_off, (False, True), strict=True):
         count = math.ceil(4.0 * length / task.radius)
         if not count:
@@ -74,9 +76,14 @@ def entered_again(task: Task, geometry: Geometry, lengths_off: tuple[float, floa
         places.append(s[np.argmin(depth[which], axis=1)])
     frame, s = np.concatenate(frames), np.concatenate(places)
     if not len(frame):
-        return Witnesses(none, s, s, np.zeros((0, 3)), np.zeros((0, 3)), s)
+        return _nowhere()
     distance, normal, point = geometry.signed_distance(curve.at(frame, s))
     return Witnesses(frame, s, distance - task.radius, normal, point, np.full(len(s), np.nan))
+
+
+def _nowhere() -> Witnesses:
+    none, far = np.zeros(0), np.zeros((0, 3))
+    return Witnesses(np.zeros(0, dtype=np.int64), none, none, far, far, none)
 
 
 def places(s: Array, excluded: tuple[float, float]) -> Array:
@@ -230,12 +237,17 @@ def _other_sides(samples: Samples, minima: Indices, task: Task) -> Indices:
     """
     seen = samples.all().take(minima)
     seen = seen.take((seen.clearance < task.horizon) & (seen.clearance + task.radius > 0))
+    if not len(seen.frame):
+        return np.zeros(0, dtype=np.int64)
     number, normal = samples.beside(seen, PROBE * task.reach * seen.normal)
     return number[dots(normal, seen.normal) < 1.0 - SAME]
 
 
 def _certify(samples: Samples, arcs: Array, lower: Array, task: Task) -> float:
     """Refine until no arc can hold a clearance ``tolerance`` below the best; return the bound reached, m."""
+    bound = 0.5 * (lower[:, :-1] + lower[:, 1:] - np.diff(arcs))
+    if bound.min() >= samples.best - task.tolerance_at(samples.best):  # as of what is far away
+        return min(float(bound.min()), samples.best)
     frame = np.repeat(np.arange(len(lower)), len(arcs) - 1)
     a, b = (np.tile(ends, len(lower)) for ends in (arcs[:-1], arcs[1:]))
     at_a, at_b = lower[:, :-1].ravel(), lower[:, 1:].ravel()

@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Quantities
-from harness_opt.motion.cases import CableCases
 from harness_opt.motion.frames import Frames, batch
 from harness_opt.motion.sweep import MOTION_TOLERANCE, accurate, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.numerics.vectors import Indices
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Kind
+from harness_opt.rod.boundary import Kind, case
 from harness_opt.rod.stability import stability, surely_stable
 from harness_opt.rod.states import Rod
 from harness_opt.statics.continuation import MOST_TURNING, STEP_ITERATIONS, turning
@@ -85,13 +84,13 @@ class BetweenFrames:
     ) -> list[Solved | None]:
         """Solve at the shares (k,) of the ways from frames (k,) to the next; None where that leads elsewhere."""
         problem, shapes = self._motion.problem, self._motion.cables[cable]
-        cases = CableCases(problem, cable, SOLVER)
+        described, gravity = problem.cables[cable].cable, np.asarray(problem.gravity)
         used = np.union1d(before, before + 1)
         rods, mesh = _rods(problem, cable, shapes, used), self._meshes[cable]
         unknowns = resample(rods, mesh)
         solves: list[Solved | None] = []
         for pair, k, part in zip(ends, np.searchsorted(used, before), share, strict=True):
-            posed = cases.posed(pair, None).signed_like(rods.q[k, 0], rods.q[k, -1])
+            posed = case(described, *pair, gravity).signed_like(rods.q[k, 0], rods.q[k, -1])
             guess = unknowns[k] + part * (unknowns[k + 1] - unknowns[k])
             solved = solve_on(posed, mesh, guess, SOLVER, STEP_ITERATIONS)
             near = solved.ok and not solved.turned

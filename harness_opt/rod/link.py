@@ -31,8 +31,8 @@ from harness_opt.rod.states import Rod
 FAR = 1e4  # lengths of the cable: how long the rays are
 SPREAD = 0.7  # rad, between the rays of a bundle and the clamp's tangent
 TURNING = 0.15  # rad, most that the centreline turns by between two points of the polygon
+PAIRS = 10_000  # of sides looked at together: few enough to stay in the processor's cache
 POINTS = (60, 1500)  # of the polygon, at least and at most
-PAIRS = 20_000  # of sides that are looked at together: each takes half a kilobyte meanwhile
 
 
 def twist(q: Array) -> float:
@@ -46,18 +46,19 @@ def writhe(points: Array, *, closed: bool = False) -> float:
     ends = np.vstack([points[1:], points[:1]]) if closed else points[1:]
     begins = points if closed else points[:-1]
     one, other = np.triu_indices(len(begins), 2)
-    if closed and len(one):  # neighbours round the end
-        apart = other - one < len(begins) - 1
+    if closed:
+        apart = other - one < len(begins) - 1  # not neighbours round the end
         one, other = one[apart], other[apart]
     some = (slice(first, first + PAIRS) for first in range(0, len(one), PAIRS))
     pairs = ((one[k], other[k]) for k in some)
-    return 2.0 * sum(float(np.sum(_crossings(begins[i], ends[i], begins[j], ends[j]))) for i, j in pairs)
+    return 2.0 * math.fsum(float(np.sum(_crossings(begins[i], ends[i], begins[j], ends[j]))) for i, j in pairs)
 
 
 def _crossings(a: Array, b: Array, c: Array, d: Array) -> Array:
     """Return what sides from ``c`` to ``d`` (n, 3) contribute to the writhe with those from ``a`` to ``b``, (n,).
 
-    Klenin and Langowski's Omega / (4 pi): the solid angle of the quadrangle of directions from one side to the other.
+    ``a`` and ``b`` are (n, 3), or (3,) of one side against all. Klenin and Langowski's Omega / (4 pi): the solid angle
+    of the quadrangle of directions from one side to the other.
     """
     tiny = np.finfo(float).tiny
     ac, ad, bc, bd = c - a, d - a, c - b, d - b
