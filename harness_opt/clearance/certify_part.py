@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from harness_opt.clearance.centreline import Curve, in_blocks
 from harness_opt.clearance.certify import Bounds, Cells, Search
 from harness_opt.clearance.moving_centreline import MovingCurve, Poses
-from harness_opt.clearance.to_part import survey
+from harness_opt.clearance.to_part import after_leaving, places, survey
 from harness_opt.clearance.witnesses import Certificate, Task, Witnesses
 from harness_opt.model.bodies import Rates
 from harness_opt.numerics import rotations
@@ -233,3 +233,74 @@ class PartSearch(Search):
             self._seen.points(at, self._curve.at(k, at, s)) for at in (cells.first, cells.last) for s in cells.arcs.T
         ]
         return np.stack(corners, axis=1)
+
+
+class HolderSearch(PartSearch):
+    """The search of a cable against what holds its clamp, where the limit to it does not count: is it entered again?
+
+    Between two frames the cable is looked at from where it has left the part in both.
+
+    Args:
+        task: the cable; its limit is the depth that passes for touching.
+        seen: its centreline over the motion, from the part's body.
+        geometry: the part.
+        length: over which the limit to it does not count, m.
+        from_end: whether from the cable's end.
+        start: the smallest clearance, once left, of the frames known so far.
+    """
+
+    def __init__(
+        self, task: Task, seen: Seen, geometry: Geometry, length: float, start: Certificate, *, from_end: bool
+    ):
+        whole = float(seen.curve.s[-1])
+        arcs = places(seen.curve.s, (whole - length, 0.0) if from_end else (0.0, whole - length))
+        super().__init__(task, seen, geometry, arcs, start, np.zeros(0))
+        self._length, self._from_end = length, from_end
+
+    def first_cells(self) -> tuple[Cells, float]:
+        """See :meth:`Search.first_cells`: all arcs between stations, from where the cable has left the part."""
+        curve, arcs = self._curve, self._arcs
+        left = np.concatenate([self._after(some)[1] for some in in_blocks(np.arange(len(curve.times)))])
+        later = np.maximum(left[1:], left[:-1])
+        count = len(arcs) - 1
+        interval = np.repeat(np.flatnonzero(~curve.broken & np.isfinite(later)), count)
+        a, b = (np.tile(ends, len(interval) // count) for ends in (arcs[:-1], arcs[1:]))
+        if self._from_end:
+            b = np.minimum(b, curve.s[-1] - later[interval])
+        else:
+            a = np.maximum(a, later[interval])
+        cells = Cells(curve.times[interval], curve.times[interval + 1], np.column_stack([a, b]))
+        return cells.take(b > a), math.inf
+
+    def survey(self, values: Array) -> tuple[Witnesses, float]:
+        """See :meth:`Search.survey`."""
+        frames = np.flatnonzero(np.isin(self._curve.times, values))
+        found = self._after(frames)[0]
+        if not len(found.frame):
+            return self._best, self._at
+        i = int(np.argmin(found.clearance))
+        return found.take(np.array([i])), float(self._curve.times[frames[found.frame[i]]])
+
+    def _after(self, frames: Indices) -> tuple[Witnesses, Array]:
+        curve = self._seen.frames(frames)
+        return after_leaving(self.task, curve, self._geometry, self._length, from_end=self._from_end)
+
+
+def entered_between(task: Task, seen: Seen, geometry: Geometry, lengths_off: tuple[float, float]) -> list[Certificate]:
+    """Return how near a cable comes to what holds its clamps once it has left it, one for each end that it holds.
+
+    Through the whole motion, over the lengths (m) from start and end where the limit does not count; certain where it
+    is no deeper than the tolerance.
+    """
+    found = []
+    touching = replace(task, limit=-task.tolerance)
+    for length, from_end in zip(lengths_off, (False, True), strict=True):
+        if length <= 0:
+            continue
+        nearest = after_leaving(touching, task.curve, geometry, length, from_end=from_end)[0]
+        if len(nearest.frame):
+            least = nearest.take(np.array([int(np.argmin(nearest.clearance))]))
+            at = float(seen.curve.frames.given[least.frame[0]])
+            start = Certificate(least, at, float(least.clearance[0]), "")
+            found.append(HolderSearch(touching, seen, geometry, length, start, from_end=from_end).certificate())
+    return found

@@ -27,10 +27,10 @@ from numpy.typing import ArrayLike
 from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.certify_cable import CableSearch
 from harness_opt.clearance.certify_limits import certified_limit
-from harness_opt.clearance.certify_part import PartSearch, Seen
+from harness_opt.clearance.certify_part import PartSearch, Seen, entered_between
 from harness_opt.clearance.moving_centreline import MovingCurve
 from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance, pairs_asked
-from harness_opt.clearance.solved_frames import SolvedFrames
+from harness_opt.clearance.solved_frames import SolvedFrames, at_rest
 from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
 from harness_opt.clearance.to_part import against_part, places
 from harness_opt.clearance.what_counts import domains, least_gap, let_off
@@ -40,7 +40,7 @@ from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
 from harness_opt.model.limits import CABLE_KINDS, LimitId, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, LimitResult, Motion, Quantities, cubic_errors
+from harness_opt.model.results import CableMotion, LimitResult, Motion, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
@@ -92,7 +92,7 @@ def measure(
     missing = _unmeasured(problem, scene, len(pairs))
     if missing or (views is None and problem.moves):
         return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
-    frames = _at_rest(given) if views is None else views.frames
+    frames = at_rest(given) if views is None else views.frames
     rows = tuple(row for task in tasks for row in _cable_limits(given, frames[task.cable], task))
     inserted = {} if views is None else {name: solved.inserted for name, solved in frames.items()}
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
@@ -102,19 +102,6 @@ def _unmeasured(problem: Problem, scene: Scene, done: int) -> tuple[str, ...]:
     """Return a sentence where not all pairs were come to before the run was stopped."""
     left = pairs_asked(problem, scene) - done
     return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
-
-
-def _at_rest(given: Motion) -> dict[str, SolvedFrames]:
-    """Return the first frame of each cable of a scene in which nothing moves."""
-    none = np.zeros(0)
-
-    def solve(cable: str, values: Array) -> tuple[Quantities, tuple[str, ...]]:
-        return given.cables[cable].at_frames(np.zeros(len(values), dtype=np.int64)), ("",) * len(values)
-
-    first = {name: shapes.frames(slice(1)) for name, shapes in given.cables.items()}
-    return {
-        name: SolvedFrames(name, given.motion[:1], one, solve, jumps=none, turns=none) for name, one in first.items()
-    }
 
 
 def _against_parts(
@@ -137,9 +124,11 @@ def _against_parts(
         pair = _pair(given, task, Obstacle(name), found)
         pair = replace(pair, excluded=held, closed=geometry.closed)
         if views is not None and task.limit is not None and found.lower is not None:
-            view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, held)
+            view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, pair.excluded)
             search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
             pair = _certified(pair, motion, search.certificate())
+            for again in entered_between(task, view, geometry, held):
+                pair = _entered(pair, motion, again, task.tolerance)
         yield _in_world(pair, problem, geometry.body, motion)
 
 
@@ -338,6 +327,15 @@ def _certified(pair: PairClearance, motion: Array, found: Certificate) -> PairCl
         certified=not found.reason,
         reason=found.reason,
     )
+
+
+def _entered(pair: PairClearance, motion: Array, again: Certificate, touching: float) -> PairClearance:
+    """Return a pair with what was found where the cable leaves what holds its clamp: nothing unless it enters again."""
+    depth = float(again.place.clearance[0])
+    if depth < -touching:
+        return pair if pair.worst <= depth else _certified(pair, motion, again)
+    reasons = [reason for reason in (pair.reason, again.reason) if reason]
+    return replace(pair, certified=not reasons, reason="; ".join(dict.fromkeys(reasons)))
 
 
 def _in_world(pair: PairClearance, problem: Problem, body: str, motion: Array) -> PairClearance:
