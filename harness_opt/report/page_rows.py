@@ -14,6 +14,7 @@ from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.report import charts
+from harness_opt.report import redesign_words as redesigned
 from harness_opt.report import words as tables
 from harness_opt.report.data_sheet import DataSheet, Ranging
 
@@ -24,7 +25,7 @@ WORDS = {
     "ok": ("All limits hold", "good"),
     "violated": ("Limits are violated", "bad"),
     "uncertain": ("Not certain that all limits hold", "warn"),
-    "infeasible": ("No design holds the limits", "bad"),
+    "infeasible": ("No design found that holds all limits", "bad"),
     "unsolved": ("Not solved", "bad"),
 }
 MOST_CYCLES = 4  # listed for each quantity, the largest first
@@ -153,10 +154,13 @@ def redesign_words(summary: Summary) -> Iterator[str]:
     if "redesign" not in summary:
         return
     found = summary["redesign"]
-    yield f"Found in {found['iterations']} steps; then simulated anew on twice the frames and twice the elements."
+    steps = f"Found in {found['iterations']} steps, {found['looked_at']} designs looked at"
+    yield f"{steps}; then simulated anew on twice the frames and twice the elements."
+    for clamp in found.get("clamps", []):
+        yield f"{redesigned.clamp_words(clamp)}."
     if found["active"]:
         yield f"What holds the design where it is: {'; '.join(found['active'])}."
-    yield from tables.redesign_words(summary)
+    yield from redesigned.redesign_words(summary)
 
 
 def before_after(summary: Summary) -> list[Json]:
