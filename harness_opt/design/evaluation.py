@@ -118,6 +118,12 @@ class Evaluator:
         slack = drawn / distance - 1.0 if distance else SPARE
         return min(SPARE, 0.5 * slack) if slack > 0.0 else SPARE
 
+    def of(self, problem: Problem) -> Evaluator:
+        """Return an evaluator that asks the same of another ``problem``, with the same parts, clamps and variables."""
+        other = copy.copy(self)
+        other.problem = problem
+        return other
+
     def reporting(self, allowed: Mapping[LimitId, float]) -> Evaluator:
         """Return an evaluator of the same problem that takes every shortfall as it is reported, and asks no more.
 

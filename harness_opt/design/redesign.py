@@ -22,7 +22,7 @@ from harness_opt.design.explanations import Price, WaysOut, prices, ways_out
 from harness_opt.design.objective import Objective, objective_of
 from harness_opt.design.result import AtBound, Earlier, Redesign, VariableResult
 from harness_opt.design.robustness import Robustness, Within, within
-from harness_opt.design.search import verified
+from harness_opt.design.search import otherwise_bowed, verified
 from harness_opt.design.sqp import Step, stationary
 from harness_opt.design.starts import beginning
 from harness_opt.design.trade_off import TradeOff, check_pair, trade_off
@@ -236,6 +236,8 @@ def nominal_redesign(
     else:
         try:
             found = verified(evaluate, objective, first, log)
+            if found.motion.ok and not found.holds(snaps=objective.snaps):
+                evaluate, found = otherwise_bowed(evaluate, objective, found, log)
             ends = _ends_of(found, problem, objective)
             status, message = found.motion.status, found.motion.message
             if status.ok:

@@ -11,20 +11,28 @@ nothing to do with the violation stays as drawn.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
 
 from harness_opt.design.evaluation import HELD, Evaluated, Evaluator
 from harness_opt.design.objective import Objective
 from harness_opt.design.sqp import Note, descend, stationary
-from harness_opt.design.starts import looks, promising
-from harness_opt.design.verification import Verified, ask_for_more, rounded, verify
+from harness_opt.design.starts import coarse_stride, looks, promising
+from harness_opt.design.verification import Verified, ask_for_more, rounded, strays, verify
 from harness_opt.model.limits import LimitId
+from harness_opt.model.problem import Problem
+from harness_opt.model.reach import clamp_way
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
 
 SEARCH_STRIDE = 2  # of the frames that the search solves
 VERIFICATIONS = 4
 ROUNDS = 3  # of looks, where none leads to a design that holds
 DESCENTS = 3  # from the best designs of a look
 HALVINGS = 4  # of the way back to the drawn design: to a sixteenth of it
+UPRIGHT = 0.9  # of the way between the clamps is along z: there is no up across it
 TRIED = 3  # designs met, the least violated ones, that are simulated on all frames
 WORST = 0.95  # of the largest shortfall: limits with that much are the worst ones
 
@@ -121,6 +129,55 @@ def _verify_rounded(evaluate: Evaluator, objective: Objective, design: Evaluated
     values = rounded(evaluate.problem, objective, design)
     near = evaluate(values, design, quick=True) if (values != design.values).any() else None
     return verify(evaluate, design) if near is None else verify(evaluate, near, design)
+
+
+def otherwise_bowed(
+    evaluate: Evaluator, objective: Objective, found: Verified, note: Note
+) -> tuple[Evaluator, Verified]:
+    """Return a design that holds with one cable bowed to another side than drawn, or ``found`` where there is none.
+
+    Args:
+        evaluate: of the problem as drawn.
+        objective: what is sought.
+        found: where its search ended.
+        note: told of every iteration.
+    """
+    seen: list[tuple[Evaluated, Evaluator]] = []
+    drawn = _coarse(evaluate, objective.centre)
+    for bowed in _bowed(evaluate.problem):
+        other = evaluate.of(bowed)
+        look = _coarse(other, objective.centre)
+        known = [one for one in (drawn, *(one for one, _ in seen)) if one is not None]
+        if look is not None and all(strays(one.motion, look.motion) for one in known):
+            seen.append((look, other))
+    for look, other in sorted(seen, key=lambda one: objective.merit(one[0]))[:DESCENTS]:
+        scout = other(look.values, look, stride=SEARCH_STRIDE)
+        end = None if scout is None else _descent(other, objective, scout, note)
+        full = None if end is None or not objective.held(end) else other(end.values, end)
+        if full is not None:
+            answer = verified(other, objective, full, note)
+            if answer.holds(snaps=objective.snaps):
+                return other, answer
+    return evaluate, found
+
+
+def _coarse(evaluate: Evaluator, values: Array) -> Evaluated | None:
+    return evaluate(values, None, stride=coarse_stride(evaluate), quick=True)
+
+
+def _bowed(problem: Problem) -> Iterator[Problem]:
+    """Yield ``problem`` with one cable bowed across the way between its clamps: up, down, and to both sides."""
+    for name, run in problem.cables.items():
+        way = clamp_way(problem, name, np.zeros(1))
+        if way is None:
+            continue
+        along = way[0] / max(float(np.linalg.norm(way)), 1e-12)
+        up = np.eye(3)[2 if abs(along[2]) < UPRIGHT else 0]
+        up = rotations.normalise(up - (up @ along) * along)
+        for bow in (up, -up, np.cross(along, up), -np.cross(along, up)):
+            yield dataclasses.replace(
+                problem, cables={**problem.cables, name: dataclasses.replace(run, bow=tuple(bow.tolist()))}
+            )
 
 
 def least_violation(evaluate: Evaluator, objective: Objective, met: Sequence[Evaluated], note: Note) -> Evaluated:

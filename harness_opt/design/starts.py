@@ -132,6 +132,11 @@ def spread(first: int, count: int, dimensions: int, seed: int) -> Array:
     return (shift + np.outer(np.arange(first + 1, first + count + 1), steps)) % 1.0
 
 
+def coarse_stride(evaluate: Evaluator) -> int:
+    """Return of how many frames of the motion a look solves one."""
+    return math.ceil((len(evaluate.frames) - 1) / (FRAMES - 1)) or 1
+
+
 def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, number: int) -> list[Evaluated]:
     """Return what a look shows of designs within the bounds that could be better than ``best``, as many as can be.
 
@@ -149,8 +154,7 @@ def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, num
     places = lower + spread(number * count, count, len(lower), evaluate.problem.design.seed) * (upper - lower)
     if beside is not None:
         places = places[[objective.could_beat(beside, place) for place in places]]
-    stride = math.ceil((len(evaluate.frames) - 1) / (FRAMES - 1)) or 1
-    found = (evaluate(place, None, stride=stride, quick=True) for place in places)
+    found = (evaluate(place, None, stride=coarse_stride(evaluate), quick=True) for place in places)
     return [look for look in found if look is not None]
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.limits import all_hold, all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Between, ClearanceResult
@@ -18,11 +19,13 @@ from harness_opt.design.evaluation import GUARD, HELD, Evaluated, Evaluator
 from harness_opt.design.objective import Objective
 from harness_opt.model import design_variables
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import LimitResult, Motion
+from harness_opt.model.results import STATIONS, CableMotion, LimitResult, Motion
 from harness_opt.motion.between_frames import BetweenFrames
 from harness_opt.motion.simulate import collect
 from harness_opt.motion.sweep import followed, sweep
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices
 
 EXTRA = 1.5  # of what a verification found short: asked for in addition
 ELSEWHERE = 1e-3  # lengths of the cable: shapes this far apart at one pose are two shapes
@@ -56,13 +59,24 @@ class Verified:
     @property
     def strayed(self) -> bool:
         """Whether its shapes are others than those that the search saw in the same frames."""
-        seen, new = self.trial.motion, self.motion
-        _, ours, theirs = np.intersect1d(seen.motion, new.motion, return_indices=True)
-        return any(
-            float(np.max(np.linalg.norm(seen.cables[name].position[ours] - cable.position[theirs], axis=-1), initial=0))
-            > ELSEWHERE * cable.s[-1]
-            for name, cable in new.cables.items()
-        )
+        return strays(self.trial.motion, self.motion)
+
+
+def strays(one: Motion, other: Motion) -> bool:
+    """Return whether any cable has other shapes in the frames that both motions have."""
+    _, ours, theirs = np.intersect1d(one.motion, other.motion, return_indices=True)
+    for name, cable in other.cables.items():
+        # stations stand closer where a shape turns, so those of two shapes need not be at the same shares of the length
+        ends = [_places(one.cables[name], ours), _places(cable, theirs)]
+        if float(np.max(np.linalg.norm(ends[0] - ends[1], axis=-1), initial=0.0)) > ELSEWHERE * cable.s[-1]:
+            return True
+    return False
+
+
+def _places(cable: CableMotion, frames: Indices) -> Array:
+    """Return the positions (P, STATIONS, 3) of ``frames`` (P,) at equal shares of the length."""
+    curve = Curve(cable.s, cable.position[frames], rotations.tangent(cable.quaternion[frames]))
+    return curve.grid(np.linspace(0.0, cable.s[-1], STATIONS))
 
 
 def verify(evaluate: Evaluator, design: Evaluated, unrounded: Evaluated | None = None) -> Verified:

@@ -28,6 +28,7 @@ from harness_opt.files.values import (
     Positive,
     Quaternion,
     RollWord,
+    Seed,
     Share,
     Size,
     Table,
@@ -284,7 +285,7 @@ class DesignTable(Table):
         default=1e-4, description="To multiples of this, m, lengths and positions that moved are rounded; 0 is off."
     )
     round_deg: NotNegative = Field(default=0.1, description="The same of turns, degrees.")
-    seed: Whole = Field(default=0, description="Of the designs that are looked at beside the descents.")
+    seed: Seed = Field(default=0, description="Of the designs that are looked at beside the descents.")
     weights: dict[str, NotNegative] = Field(
         default_factory=dict,
         description="Of the change of a variable, by name; 1 where left out, and changes count in the bounds' ranges.",
@@ -307,7 +308,7 @@ class RobustTable(Table):
     )
     share: Share = Field(default=0.99, description="Of what is built, between 0 and 1, for which all limits hold.")
     samples: Whole = Field(default=500, description="Of the Monte Carlo study that verifies it; 0 leaves it out.")
-    seed: Whole = Field(default=0, description="Of these samples; the same seed gives the same.")
+    seed: Seed = Field(default=0, description="Of these samples; the same seed gives the same.")
     tolerances: dict[str, ToleranceTable] = Field(
         default_factory=dict,
         description="By key of this file: cables.NAME.length (m), cables.NAME.stiffness_percent, "

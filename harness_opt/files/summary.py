@@ -227,6 +227,7 @@ class RedesignEntry(TypedDict):
     goal: NotRequired[str]
     coupled: NotRequired[dict[str, str]]
     moved_inside: NotRequired[dict[str, dict[str, float]]]
+    bows: NotRequired[Annotated[dict[str, list[float]], _said("Cables bowed to another side than drawn, and to which")]]
     clamps: NotRequired[list[ClampEntry]]
     in_the_way: NotRequired[list[RelaxationEntry]]
     in_the_way_together: NotRequired[list[tuple[RelaxationEntry, RelaxationEntry]]]

@@ -135,6 +135,7 @@ Positive = Annotated[_Above0, Expected("a number above 0")]
 NotNegative = Annotated[_AtLeast0, Expected("a number of at least 0")]
 Share = Annotated[_Below1, Expected("a number between 0 and 1")]
 Whole = Annotated[int, Field(strict=True), BeforeValidator(_whole), Expected("a whole number")]
+Seed = Annotated[int, Field(strict=True, ge=0), BeforeValidator(_whole), Expected("a whole number of at least 0")]
 Flag = Annotated[bool, Field(strict=True), Expected("true or false")]
 Text = Annotated[str, Field(strict=True), Expected("text in quotes")]
 Digest = Annotated[

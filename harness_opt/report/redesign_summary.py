@@ -70,6 +70,11 @@ def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
         violation=result.violation,
         limits_before=None if result.limits_before is None else [limit_entry(row) for row in result.limits_before],
         active=[str(held) for held in result.active],
+        bows={
+            name: list(run.bow)
+            for name, run in result.problem.cables.items()
+            if run.bow is not None and run.bow != result.original.cables[name].bow
+        },
         clamps=list(_clamps(result.original, result.problem)),
         in_the_way=[_relaxation(found) for found in result.relaxations],
         in_the_way_together=[(_relaxation(a), _relaxation(b)) for a, b in result.relaxations_together],

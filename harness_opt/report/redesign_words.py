@@ -23,6 +23,10 @@ def changes(summary: Summary) -> str:
         unit = "deg" if name.endswith("_deg") else "m"
         bounds = f"[{variable['lower']:g}, {variable['upper']:g}]"
         lines.append(f"{name}: {variable['before']:.6g} -> {after} {unit}, within {bounds}")
+    for name, bow in found.get("bows", {}).items():
+        lines.append(
+            f"{name}.bow: to ({', '.join(f'{x:.3g}' for x in bow)}), the side to which it is laid at the start"
+        )
     return "\n".join([*lines, *(clamp_words(clamp) for clamp in found.get("clamps", []))])
 
 

@@ -20,6 +20,7 @@ from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
 from harness_opt.files.values import (
     Expected,
     Number,
+    Seed,
     Table,
     Text,
     Whole,
@@ -71,7 +72,7 @@ class StudyTable(Table):
         description="How variants are made from what is varied."
     )
     samples: Whole | None = Field(default=None, description="How many, of a Latin hypercube or Monte Carlo.")
-    seed: Whole = Field(default=0, description="Of the samples; the same seed gives the same.")
+    seed: Seed = Field(default=0, description="Of the samples; the same seed gives the same.")
     vary: dict[str, Spread] = Field(default_factory=dict, description="By key of the problem, in quotes.")
     variants: list[dict[str, Any]] = Field(default_factory=list, description="Of a list: the values by key, of each.")
 

@@ -469,12 +469,10 @@ def main() -> int:
         count[3] += seconds
         worst = min(design.limits, key=lambda row: row.margin / row.limit if row.limit else row.margin, default=None)
         told = "" if worst is None else f"{worst.name} {worst.margin:+.3g}"
-        print(
-            f"{scene.name:34} {'as it should' if good else 'NOT as it should':16} {'' if sure else 'NOT VERIFIED '}"
-            f"{len(design.variables)} variables {design.iterations:3} steps {design.looked_at:4} designs "
-            f"{seconds:6.1f} s  {told}, snaps {len(design.motion.snaps)} {'' if design.optimal else 'not stationary'} {design.message}",
-            flush=True,
-        )
+        outcome = f"{'as it should' if good else 'NOT as it should':16} {'' if sure else 'NOT VERIFIED '}"
+        spent = f"{design.iterations:3} steps {design.looked_at:4} designs {seconds:6.1f} s"
+        more = f"snaps {len(design.motion.snaps)} {'' if design.optimal else 'not stationary'} {design.message}"
+        print(f"{scene.name:34} {outcome}{len(design.variables)} variables {spent}  {told}, {more}", flush=True)
     for kind, (good, all_of, sure, seconds) in counts.items():
         print(f"{kind}: {good} of {all_of} as it should, {sure} verified, {seconds:.0f} s of the processor")
     return 0 if all(good == all_of == sure for good, all_of, sure, _ in counts.values()) else 1

@@ -117,6 +117,23 @@ def test_of_two_slots_the_nearer_one_is_taken():
     assert found < 1.05 * best
 
 
+def test_a_cable_is_laid_to_the_other_side_where_nothing_else_does():
+    # weightless: bowed up it is the mirror image of bowed down, where a box stands in its way
+    cable = ho.Cable(0.3, 4e-3, 2e-3, 1.5e-3, 0.05)
+    start = ho.End((0.0, 0.0, 0.0), tangent=(1.0, 0.0, 0.0))
+    end = ho.End((0.2, 0.0, 0.0), tangent=(1.0, 0.0, 0.0))
+    problem = ho.Problem(
+        {"c": ho.CableRun(cable, start, end, bow=(0.0, 0.0, -1.0))},
+        parts={"box": ho.Part(ho.Box((0.1, 0.2, 0.06)), position=(0.1, 0.0, -0.06))},
+        limits=ho.Limits(clearance=0.003),
+        design=ho.Design(variables=(ho.Variable("c.start.position.x", -0.001, 0.001),)),
+    )
+    design = ho.redesign(problem)
+    assert design.ok
+    assert design.problem.cables["c"].bow == pytest.approx((0.0, 0.0, 1.0))
+    assert design.motion.cables["c"].position[..., 2].max() > 0.05
+
+
 # --- too short -------------------------------------------------------------------------------------------
 
 
