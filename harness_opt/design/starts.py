@@ -17,7 +17,8 @@ from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.design.evaluation import SPARE, Evaluated, Evaluator
 from harness_opt.design.margins import Rows, reach_rows
-from harness_opt.design.objective import Objective
+from harness_opt.design.objective import CLOSE, Objective
+from harness_opt.design.sqp import SMALL
 from harness_opt.errors import ProblemError
 from harness_opt.model import design_variables
 from harness_opt.model.reach import shortest, too_short
@@ -32,7 +33,6 @@ FRAMES = 5  # of the motion that a look solves
 LOOKS = 32  # for each variable, where no design holds yet
 LOOKS_BESIDE = 8  # for each variable, where one does, and another could only be better
 APART = 0.1  # of the bounds' ranges: starts nearer to each other than that lead to one end
-EXCUSED = 0.5  # of a limit's scale: a look that violates more hardly leads to a better design than one that holds
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,11 @@ def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, num
 def promising(objective: Objective, seen: list[Evaluated], best: Evaluated | None, most: int) -> Iterator[Evaluated]:
     """Yield up to ``most`` of the looks ``seen`` that stand apart and may lead to better than ``best``, best first."""
     if best is not None and objective.held(best):
-        seen = [look for look in seen if objective.violation(look) <= EXCUSED]
+        # in one valley the objective and what the violation costs at its bottom are nowhere less than there
+        program = objective.program(best, SMALL)[0]
+        cost = float(solve(program).multipliers[~program.soft].sum())
+        below = objective.value(best) - CLOSE * abs(objective.value(best))
+        seen = [look for look in seen if objective.value(look) + cost * objective.violation(look) < below]
     taken: list[Evaluated] = []
     for look in sorted(seen, key=objective.merit):
         near = (np.max(np.abs(look.values - other.values) / objective.range) < APART for other in taken)
