@@ -219,7 +219,7 @@ class _Views:
         turns = np.array([0.5]) if given.problem.out_and_back else np.zeros(0)
         self.frames: dict[str, SolvedFrames] = {}
         self._curves: dict[tuple[str, str], MovingCurve] = {}
-        self.seen = functools.lru_cache(MOST_VIEWS)(self._see)
+        self._seen: dict[tuple[str, str], Seen] = {}
         for name, shapes in given.cables.items():
             frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
             jumps = 0.5 * (motion[frames - 1] + motion[frames])
@@ -237,17 +237,21 @@ class _Views:
     def forget(self, cable: str) -> None:
         """Let go of how bodies see ``cable``: each view takes several times the memory of the frames."""
         self._curves = {key: curve for key, curve in self._curves.items() if key[0] != cable or key[1] == WORLD}
-        self.seen.cache_clear()
+        self._seen.clear()
 
-    def _see(self, cable: str, body: str) -> Seen:
+    def seen(self, cable: str, body: str) -> Seen:
         """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
+        if (cable, body) in self._seen:
+            return self._seen[cable, body]
+        if len(self._seen) == MOST_VIEWS:
+            self._seen.clear()
         problem, run = self._problem, self._problem.cables[cable]
+        rides = body in (run.start.body, run.end.body)
+        poses = Body().poses if rides else functools.partial(problem.poses, body)
+        rates = functools.partial(problem.rates, WORLD if rides else body)
         clamps = (self._clamp(run.start, body), self._clamp(run.end, body))
-        if body in (run.start.body, run.end.body):
-            still = Body().poses, functools.partial(problem.rates, WORLD)
-            return Seen(self.curve(cable, body), *still, clamps)
-        moving = functools.partial(problem.poses, body), functools.partial(problem.rates, body)
-        return Seen(self.curve(cable), *moving, clamps)
+        view = self._seen[cable, body] = Seen(self.curve(cable, body if rides else WORLD), poses, rates, clamps)
+        return view
 
     def _clamp(self, end: End, body: str) -> Callable[[Array], Array] | None:
         """Return the way of the clamp that holds ``end``, in the coordinates of ``body``; None where none does."""

@@ -101,6 +101,7 @@ def plain_array(name: str, stored: Any, size: int) -> Array:
     return np.asarray(stored[name])
 
 
+@np.errstate(all="ignore")  # whatever overflows is refused in words
 def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
     """Return the shapes of cable ``name``, all of them of the sizes that fit each other."""
     s = arrays.get(f"{name}/s", np.zeros(0))
@@ -112,10 +113,10 @@ def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
         if values.shape != (frames, len(s), numbers) or not _finite(values):
             raise ValueError(f"{name}/{field}: {values.shape}, or not finite")
         found[field] = values
-    if np.any(np.abs(np.linalg.norm(found["quaternion"], axis=2) - 1.0) > ROUNDING):
+    if not np.all(np.abs(np.linalg.norm(found["quaternion"], axis=2) - 1.0) <= ROUNDING):
         raise ValueError(f"{name}/quaternion: not of unit length")
     chords = np.linalg.norm(np.diff(found["position"], axis=1), axis=2)
-    if np.any(chords > STRETCH * np.diff(s) + ROUNDING * s[-1]):
+    if not np.all(chords <= STRETCH * np.diff(s) + ROUNDING * s[-1]):
         raise ValueError(f"{name}/position: stations further apart than their arc lengths")
     for field in EXTRA:
         values = arrays.get(f"{name}/{field}", np.full(frames, np.nan))

@@ -79,6 +79,8 @@ def _in_the_way(target: Path, inputs: Iterable[Path]) -> str:
         why = f"no right to write in {parent}"
     elif target.exists() and not target.is_dir():
         why = "a file"
+    elif target.is_mount():  # such as a volume of a container: told before the work, and not after it
+        why = "a mount point, in whose place no folder can be put: a folder in it can"
     elif target.exists() and any(target.iterdir()) and read_summary(target) is None:
         names = sorted(entry.name for entry in target.iterdir())
         listed = ", ".join(names[:NAMES_SHOWN]) + (", ..." if len(names) > NAMES_SHOWN else "")

@@ -130,8 +130,10 @@ def filling(folder: Path) -> Iterator[Path]:
     """
     target = folder.resolve()
     target.parent.mkdir(parents=True, exist_ok=True)
-    clear_away(target)
-    aside = beside(target)
+    # nothing can be renamed from one file system to another, as out of the folder above into a container's volume
+    written = target / target.name if target.is_mount() else target
+    clear_away(written)
+    aside = beside(written)
     aside.mkdir()
     try:
         with locked(aside):
@@ -144,6 +146,9 @@ def filling(folder: Path) -> Iterator[Path]:
                 else:
                     os.replace(entry, target / entry.name)
             flush_entry(target)
+    except OSError as error:
+        error.filename = error.filename or str(folder)  # a full disk names no file
+        raise
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 

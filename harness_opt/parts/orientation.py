@@ -13,7 +13,7 @@ from harness_opt.numerics.vectors import Indices, dots, lengths
 PAIRS_AT_A_TIME = 1_000_000  # point-triangle pairs at a time, so that temporaries stay below 100 MB
 
 
-def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
+def winding_numbers(points: Array, corners: Array) -> Array:
     """Return the generalised winding numbers (n,) of points (n, 3): +-1 inside a closed surface, 0 outside.
 
     The sum of the triangles' solid angles over 4 pi: Van Oosterom and Strackee, "The solid angle of a plane
@@ -22,17 +22,23 @@ def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
     Args:
         points: (n, 3), m.
         corners: of the triangles, (m, 3, 3), m.
-        areas: twice their area vectors, (m, 3), m2.
     """
     step = max(1, PAIRS_AT_A_TIME // max(1, len(points)))
     turns = np.zeros(len(points))
     for first in range(0, len(corners), step):
-        a, b, c = (corners[first : first + step, k] - points[:, None] for k in range(3))
-        volume = np.einsum("nmi,mi->nm", a, areas[first : first + step])
+        some = corners[first : first + step]
+        a, b, c = (some[:, k] - points[:, None] for k in range(3))
+        volume = np.einsum("nmi,mi->nm", a, doubled_areas(some))
         la, lb, lc = lengths(a), lengths(b), lengths(c)
         denominator = la * lb * lc + dots(a, b) * lc + dots(b, c) * la + dots(c, a) * lb
         turns += np.arctan2(volume, denominator).sum(axis=1) / (2 * np.pi)
     return turns
+
+
+def doubled_areas(corners: Array) -> Array:
+    """Return twice the area vectors (m, 3), m2, of triangles with ``corners`` (m, 3, 3), m."""
+    found: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,16 +151,15 @@ def _outward(vertices: Array, faces: Indices, piece: Indices) -> Indices:
     corners_asked = 50  # corners of a piece that faces inward that are asked whether they lie inside the others
     corners = vertices[faces]
     middle = vertices.mean(axis=0)
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    volumes = np.bincount(piece, weights=dots(corners[:, 0] - middle, areas))
+    volumes = np.bincount(piece, weights=dots(corners[:, 0] - middle, doubled_areas(corners)))
     if volumes.sum() < 0:
-        faces, corners, areas, volumes = faces[:, ::-1], corners[:, ::-1], -areas, -volumes
+        faces, corners, volumes = faces[:, ::-1], corners[:, ::-1], -volumes
     right = volumes[piece] > 0
     turned = np.zeros(len(volumes), dtype=bool)
     for inward in np.flatnonzero(volumes < 0):
         own = np.unique(faces[piece == inward])
         asked = own[:: max(1, len(own) // corners_asked)]
-        inside = np.abs(winding_numbers(vertices[asked], corners[right], areas[right])) > 0.5
+        inside = np.abs(winding_numbers(vertices[asked], corners[right])) > 0.5
         turned[inward] = not np.all(inside)
     return _flipped(faces, turned[piece])
 

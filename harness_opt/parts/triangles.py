@@ -47,16 +47,19 @@ def on_grid(vertices: Array, faces: Indices, most: int) -> tuple[Array, Array, I
     first_coarser = 2048  # steps of the first grid that merges vertices on purpose
     coarsest_grid = 16  # steps of the coarsest grid that a part is rounded to
     grid = 65_535  # steps along the longest side of a part's box: vertices are 16-bit numbers
-    used = vertices[np.unique(faces)]
-    lower, upper = used.min(axis=0), used.max(axis=0)
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    vertices, faces = vertices[used], (np.cumsum(used) - 1)[faces]
+    lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     cells = grid
     while True:
         step = np.maximum(np.max(upper - lower) / cells, 1e-12) * np.ones(3)
         rounded = np.rint((vertices - lower) / step).astype(np.int64)
-        unique, index = np.unique(rounded, axis=0, return_inverse=True)
-        kept = index.reshape(-1)[faces]
+        # one number for a place: sorted ten times as fast as rows
+        place, index = np.unique(rounded @ [1 << 32, 1 << 16, 1], return_inverse=True)
+        kept = index[faces]
         solid = (kept[:, 0] != kept[:, 1]) & (kept[:, 1] != kept[:, 2]) & (kept[:, 2] != kept[:, 0])
         kept = kept[solid]
         if len(kept) <= most or cells <= coarsest_grid:
-            return lower, step, unique, kept
+            return lower, step, np.column_stack([place >> 32, place >> 16 & grid, place & grid]), kept
         cells = min(cells // 2, first_coarser)

@@ -63,14 +63,15 @@ def _carried(problem: Problem, meshes: Mapping[str, MeshFile]) -> Problem:
 
 def _write_ply(file: Path, mesh: Mesh) -> None:
     """Write the triangles of a mesh, m, and the corners that they use."""
-    used, faces = np.unique(mesh.faces, return_inverse=True)
+    used = np.zeros(len(mesh.vertices), dtype=bool)
+    used[mesh.faces] = True
     head = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(used)}\n"
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {np.count_nonzero(used)}\n"
         "property double x\nproperty double y\nproperty double z\n"
         f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     rows = np.zeros(len(mesh.faces), dtype=[("corners", "u1"), ("numbers", "<i4", (3,))])
-    rows["corners"], rows["numbers"] = 3, faces.reshape(-1, 3)
+    rows["corners"], rows["numbers"] = 3, (np.cumsum(used) - 1)[mesh.faces]
     with file.open("wb") as stream:
         stream.write(head.encode())
         stream.write(mesh.vertices[used].astype("<f8").tobytes())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
-from harness_opt.parts.orientation import PAIRS_AT_A_TIME, winding_numbers
+from harness_opt.parts.orientation import PAIRS_AT_A_TIME, doubled_areas, winding_numbers
 
 FEW_FACES = 5_000  # up to here a winding number is summed triangle by triangle
 DIPOLE_FROM = 2.5  # radii of a cluster beyond which it is a dipole: wrong by 0.03 turns at most where measured
@@ -28,29 +28,24 @@ class Winding:
     Args:
         vertices: (k, 3), m.
         faces: (m, 3), vertex numbers; every edge is run through as often one way as the other.
-        areas: (m, 3), twice the area vectors, m2.
         clusters: of the triangles where there are many, else None.
     """
 
     vertices: Array
     faces: Indices
-    areas: Array
     clusters: Clusters | None = field(repr=False)
 
     @staticmethod
     def of(vertices: Array, faces: Indices, members: Sequence[Indices] | None = None) -> Winding:
         """Return the winding numbers of triangles, by clusters where ``members`` are given; others as the class."""
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        areas = np.cross(b - a, c - a)
-        clusters = None if members is None else Clusters.of(vertices, faces, areas, members)
-        return Winding(vertices, faces, areas, clusters)
+        return Winding(vertices, faces, None if members is None else Clusters.of(vertices, faces, members))
 
     def exact(self, points: Array) -> Array:
         """Return the winding numbers (n,) of ``points`` (n, 3), m, every triangle summed."""
         turns = np.zeros(len(points))
         for first in range(0, len(self.faces), PAIRS_AT_A_TIME):
             some = slice(first, first + PAIRS_AT_A_TIME)
-            turns += winding_numbers(points, self.vertices[self.faces[some]], self.areas[some])
+            turns += winding_numbers(points, self.vertices[self.faces[some]])
         return turns
 
     def turns(self, points: Array) -> Array:
@@ -81,7 +76,7 @@ class Winding:
             asked = [np.flatnonzero(column) for column in near.T]
         for some, who in zip(groups, asked, strict=True):
             if len(who):
-                turns[who] += winding_numbers(points[who], self.vertices[self.faces[some]], self.areas[some])
+                turns[who] += winding_numbers(points[who], self.vertices[self.faces[some]])
         doubtful = np.abs(turns - np.rint(turns)) >= WHOLE
         if np.any(doubtful):
             turns[doubtful] = self.exact(points[doubtful])
@@ -99,14 +94,14 @@ class Clusters:
     radius: Array
 
     @staticmethod
-    def of(vertices: Array, faces: Indices, areas: Array, members: Sequence[Indices]) -> Clusters:
-        """Return clusters of faces (m, 3) with ``areas`` (m, 3), m2; others as the class."""
-        balls = [_ball(vertices[faces[group]], lengths(areas[group])) for group in members]
-        area = np.array([0.5 * areas[group].sum(axis=0) for group in members])
-        return Clusters(tuple(members), area, np.array([at for at, _ in balls]), np.array([r for _, r in balls]))
-
-
-def _ball(corners: Array, weights: Array) -> tuple[Array, float]:
-    """Return the centroid (3,) of triangles (k, 3, 3), m, with such areas, and the radius about it that holds them."""
-    centre = np.average(corners.mean(axis=1), axis=0, weights=weights)
-    return centre, float(lengths(corners - centre).max())
+    def of(vertices: Array, faces: Indices, members: Sequence[Indices]) -> Clusters:
+        """Return clusters of faces (m, 3); others as the class."""
+        area, centre = np.empty((2, len(members), 3))
+        radius = np.empty(len(members))
+        for k, group in enumerate(members):
+            corners = vertices[faces[group]]
+            areas = doubled_areas(corners)
+            area[k] = 0.5 * areas.sum(axis=0)
+            centre[k] = np.average(corners.mean(axis=1), axis=0, weights=lengths(areas))
+            radius[k] = lengths(corners - centre[k]).max()
+        return Clusters(tuple(members), area, centre, radius)

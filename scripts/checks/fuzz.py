@@ -8,7 +8,7 @@ one of its files changed. Most are given to ``check``, some to ``simulate``, ``r
 ``export``, or with what was found so far to ``study``. Every run has to end with an exit code from 0 to 3 and no
 traceback within a stated time and memory, say something where the code is 2, and leave a whole result folder or none.
 Time is the processor's, not the wall's, so that a busy machine is no fault of the program's; what waits without working
-is a hang, and told after the same time and half a minute.
+is a hang, and told after the same time and two minutes.
 What fails is kept with its number, which makes it again; the table at the end counts exit codes by command.
 """
 
@@ -199,7 +199,7 @@ def campaign(numbers: Sequence[int], report: Callable[[int, str, Outcome], None]
         sender.close()
         running: tuple[int, str] = (left[0], "check")
         while True:
-            grace = 30.0  # of what only tidies up
+            grace = 120.0  # of what only tidies up, or starts a worker on a busy machine
             try:
                 heard = receiver.recv() if receiver.poll(SECONDS[running[1]] + grace) else "silence"
             except EOFError:

@@ -40,11 +40,13 @@ def spoil(result: Path, name: str, **arrays: np.ndarray) -> None:
         ("motion", np.zeros((2, 2))),
         ("lead/position", np.zeros((1, 1, 3))),
         ("lead/force", np.full((4, 101, 3), np.inf)),
+        ("lead/position", np.full((4, 101, 3), 1e300) * np.resize([1.0, -1.0], (101, 1))),
+        ("lead/quaternion", np.full((4, 101, 4), 1e300)),
         ("lead/s", np.zeros(101)),
         ("lead/s", np.array(["x"])),
         ("lead/residual", np.zeros(3)),
     ],
-    ids=str,
+    ids=lambda given: given if isinstance(given, str) else f"{given.flat[0]}",
 )
 def test_arrays_that_do_not_fit(result: Path, key: str, value: np.ndarray) -> None:
     spoil(result, "motion.npz", **{key: value})

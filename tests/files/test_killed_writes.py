@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -59,3 +60,42 @@ def test_a_folder_that_may_not_be_looked_into_can_still_be_written(here):
     write_whole(Path("dark", "a.txt"), b"new")
     Path("dark").chmod(0o700)
     assert Path("dark", "a.txt").read_bytes() == b"new"
+
+
+def test_a_mount_point_is_refused_before_the_work_and_exported_into(here, capsys, monkeypatch):
+    """A volume of a container: its name cannot be given to another folder, and nothing is renamed into it."""
+    put(FLAP)
+    assert main(["simulate", "flap.toml", "-o", "r", "--quiet", *PLAIN]) == 0
+    Path("volume").mkdir()
+    monkeypatch.setattr(Path, "is_mount", lambda self: self.name == "volume")
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("it was worked for")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("harness_opt.motion.simulate.simulate", never)
+        assert main(["simulate", "flap.toml", "-o", "volume", "--quiet", *PLAIN]) == 2
+    assert "volume: found a mount point" in capsys.readouterr().err
+
+    move = os.replace
+
+    def within(one: os.PathLike[str], other: os.PathLike[str]) -> None:
+        assert [Path(entry).is_relative_to(here / "volume") for entry in (one, other)] == [True, True]
+        move(one, other)
+
+    monkeypatch.setattr(os, "replace", within)
+    assert main(["export", "r", "--to", "csv", "-o", "volume"]) == 0
+    assert all(not entry.name.startswith(".") for entry in Path("volume").iterdir()) and any(Path("volume").iterdir())
+
+
+def test_an_export_that_a_full_disk_ends_names_its_folder(here, capsys, monkeypatch):
+    put(FLAP)
+    assert main(["simulate", "flap.toml", "-o", "r", "--quiet", *PLAIN]) == 0
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("harness_opt.files.whole_folder.flush", full)
+    assert main(["export", "r", "--to", "csv", "-o", "out"]) == 2
+    assert capsys.readouterr().err == "harness-opt: out: No space left on device\n"
+    assert not Path("out").exists()
