@@ -105,6 +105,7 @@ class Evaluator:
         self.spare = {name: self._spare(name) for name in problem.cables}
         self._count = [0]  # shared by all that report for this one
         self._as_reported = False
+        self.past_sides = True  # whether what goes through a part is measured past the side it came in by, or aside
         self.cold = False  # whether every design starts from nothing, as its file will: where one shape leads elsewhere
 
     @property
@@ -181,7 +182,7 @@ class Evaluator:
             given = linearised(changed, motion, clearances, rates, defaultdict(float), len(values))
             rows = given.as_reported(self.asked)
         else:
-            seen = past_sides(changed, self.scene, motion.cables, clearances)
+            seen = past_sides(changed, self.scene, motion.cables, clearances) if self.past_sides else clearances
             rows = linearised(changed, motion, seen, rates, self.asked, len(values))
         rows = Rows.joined([rows, *reach])
         return Evaluated(values, indices, sweeps, motion, clearances, rates, rows)

@@ -48,29 +48,53 @@ def search(evaluate: Evaluator, objective: Objective, trial: Evaluated, note: No
         if objective.held(best):
             return best
     met = [trial]
-    best = _descent(evaluate, objective, trial, note)
+    best = _first_descent(evaluate, objective, trial, note)
     best = _beside(evaluate, objective, best, note, met)
+    if not objective.held(best):
+        best = _redeemed(evaluate, objective, best, note, SEARCH_STRIDE)
     full = evaluate(best.values, best)
     if full is not None:
         best = _descent(evaluate, objective, full, note, stride=1)
     return best if objective.held(best) else least_violation(evaluate, objective, [best, *met], note)
 
 
+def _first_descent(evaluate: Evaluator, objective: Objective, trial: Evaluated, note: Note) -> Evaluated:
+    """Return where the descent from ``trial`` ends, led back to the side that a cable came in by, or aside.
+
+    Where that does not end well, the nearest faces may: they lead out of thick parts.
+    """
+    best = descend(evaluate, objective, trial, SEARCH_STRIDE, note)
+    if objective.held(best):
+        return best
+    evaluate.past_sides = False
+    plain = evaluate(trial.values, trial)
+    if plain is not None and not np.array_equal(plain.rows.margin, trial.rows.margin):
+        other = descend(evaluate, objective, plain, SEARCH_STRIDE, note)
+        best = other if objective.held(other) else best
+    evaluate.past_sides = True
+    return best
+
+
 def _descent(
     evaluate: Evaluator, objective: Objective, design: Evaluated, note: Note, *, stride: int = SEARCH_STRIDE
 ) -> Evaluated:
-    """Return the best design met from ``design`` down; where limits stay violated, by way of the least violation.
-
-    A cable deep inside a part is pushed out through the nearest face, which may be one that no design reaches.
-    """
+    """Return the best design met from ``design`` down, and where it is not stationary from nearer to the drawn one."""
     best = descend(evaluate, objective, design, stride, note)
     if not objective.held(best):
-        least = descend(evaluate, objective.least_violation(), best, stride, note)
-        best = descend(evaluate, objective, least, stride, note) if objective.held(least) else least
+        best = _redeemed(evaluate, objective, best, note, stride)
     if objective.held(best) and not stationary(objective, best):
         nearer = _back(evaluate, objective, best, stride)
         best = best if nearer is best else descend(evaluate, objective, nearer, stride, note)
     return best
+
+
+def _redeemed(evaluate: Evaluator, objective: Objective, design: Evaluated, note: Note, stride: int) -> Evaluated:
+    """Return the design of least violation near ``design``, and where that holds all limits the best from there.
+
+    A cable deep inside a part is pushed out through the nearest face, which may be one that no design reaches.
+    """
+    least = descend(evaluate, objective.least_violation(), design, stride, note)
+    return descend(evaluate, objective, least, stride, note) if objective.held(least) else least
 
 
 def _back(evaluate: Evaluator, objective: Objective, design: Evaluated, stride: int) -> Evaluated:

@@ -32,6 +32,7 @@ ROUNDS = 3  # of looks for a design that can be simulated
 FRAMES = 5  # of the motion that a look solves
 LOOKS = 32  # for each variable, where no design holds yet
 LOOKS_BESIDE = 8  # for each variable, where one does, and another could only be better
+ENOUGH = 3  # looks that hold all limits, those first that change least, end a round
 APART = 0.1  # of the bounds' ranges: starts nearer to each other than that lead to one end
 
 
@@ -138,7 +139,7 @@ def coarse_stride(evaluate: Evaluator) -> int:
 
 
 def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, number: int) -> list[Evaluated]:
-    """Return what a look shows of designs within the bounds that could be better than ``best``, as many as can be.
+    """Return what a look shows of designs within the bounds that could be better than ``best``.
 
     Args:
         evaluate: simulates designs.
@@ -154,8 +155,14 @@ def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, num
     places = lower + spread(number * count, count, len(lower), evaluate.problem.design.seed) * (upper - lower)
     if beside is not None:
         places = places[[objective.could_beat(beside, place) for place in places]]
-    found = (evaluate(place, None, stride=coarse_stride(evaluate), quick=True) for place in places)
-    return [look for look in found if look is not None]
+    found: list[Evaluated] = []
+    for place in places[np.argsort([objective.preference(place) for place in places], kind="stable")]:
+        look = evaluate(place, None, stride=coarse_stride(evaluate), quick=True)
+        if look is not None:
+            found.append(look)
+        if sum(objective.held(one) for one in found) == ENOUGH:
+            break
+    return found
 
 
 def promising(objective: Objective, seen: list[Evaluated], best: Evaluated | None, most: int) -> Iterator[Evaluated]:

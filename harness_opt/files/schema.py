@@ -282,7 +282,7 @@ class DesignTable(Table):
     )
     snaps: Flag = Field(default=False, description="Whether cables may snap to other shapes on the way.")
     round_length: NotNegative = Field(
-        default=1e-4, description="To multiples of this, m, lengths and positions that moved are rounded; 0 is off."
+        default=1e-4, description="To multiples of this, m, moved lengths and positions are rounded; 0 is off."
     )
     round_deg: NotNegative = Field(default=0.1, description="The same of turns, degrees.")
     seed: Seed = Field(default=0, description="Of the designs that are looked at beside the descents.")
