@@ -263,13 +263,16 @@ class _Views:
 
 def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) -> Task:
     """Return the search for cable ``name``, in the world and without a limit."""
-    cable = problem.cables[name].cable
+    cable, error = problem.cables[name].cable, float(cubic_errors(shapes).max())
+    tolerance = 0.01 * cable.diameter if options.tolerance is None else options.tolerance
+    if not problem.moves:  # then the frame is all there is, and what the cubics miss of it comes on top
+        tolerance -= min(error, 0.5 * tolerance)
     return Task(
         cable=name,
         curve=Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion)),
         radius=cable.radius,
-        error=float(cubic_errors(shapes).max()),
-        tolerance=0.01 * cable.diameter if options.tolerance is None else options.tolerance,
+        error=error,
+        tolerance=tolerance,
         reach=cable.diameter if options.reach is None else options.reach,
         strict=options.tolerance is not None,
         most_queries=options.most_queries,
