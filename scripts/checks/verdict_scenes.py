@@ -229,12 +229,14 @@ def limits(rng: np.random.Generator, fine: ho.Motion, clearance: float) -> ho.Li
     )
 
 
-def draw(seed: int, number: int, folder: Path) -> Drawn | None:
+def draw(seed: int, number: int, folder: Path, step: float | None = None, finer: int = FINER) -> Drawn | None:
     """Return scene ``number`` of ``seed``, its kind by turns; None where a cable of it has no shape somewhere.
 
     Args:
         seed, number: 0 or more.
         folder: for its meshes.
+        step: most that a clamp moves between two frames, m; None takes a random one, and few frames.
+        finer: fine frames for each coarse step.
     """
     rng, kind = np.random.default_rng([seed, number]), KINDS[number % len(KINDS)]
     for _ in range(100):
@@ -245,12 +247,12 @@ def draw(seed: int, number: int, folder: Path) -> Drawn | None:
     longest = max(run.cable.length for run in runs.values())
     steps = 10 ** rng.uniform(-2, np.log10(0.25)) * longest
     try:
-        frames = place_frames(problem, float(steps))
+        frames = place_frames(problem, step or float(steps))
     except ho.ProblemError:  # longer than the whole trail
         frames = np.linspace(0, 1, 2)
-    if len(frames) > MOST_FRAMES:
+    if len(frames) > MOST_FRAMES and step is None:
         frames = np.linspace(0, 1, MOST_FRAMES)
-    fine_frames = np.interp(np.arange((len(frames) - 1) * FINER + 1) / FINER, np.arange(len(frames)), frames)
+    fine_frames = np.interp(np.arange((len(frames) - 1) * finer + 1) / finer, np.arange(len(frames)), frames)
     clearance = float(rng.uniform(0.05, 1.0) * next(iter(runs.values())).cable.diameter)
     # with a limit, a cable that loses turns is no failure but a violation
     problem = dataclasses.replace(problem, limits=ho.Limits(clearance=clearance))
