@@ -36,11 +36,15 @@ class Cubics:
     Args:
         nodes: the numbers of the four, (n - 1, 4).
         weights: of the four at m shares of the interval, its ends included, (n - 1, m, 4).
-        doubts: the weights of what leaving out either outer one changes, (n - 1, m, 4, 4); zero for the inner ones.
+        third: weights of the four in their third divided difference, (n - 1, 4).
+        doubts: how many of these leaving out an outer one changes, at most, at the shares, (n - 1, m): what is left of
+            the cubic is the parabola through the other three, and the difference is theirs times the product of the
+            ways to these three (Newton's form).
     """
 
     nodes: Indices
     weights: Array
+    third: Array
     doubts: Array
 
     @staticmethod
@@ -54,23 +58,26 @@ class Cubics:
         """
         pieces = len(x) - 1
         if len(x) < NODES:  # no piece is known
-            nothing = np.zeros((pieces, count, NODES, NODES))
-            return Cubics(np.zeros((pieces, NODES), dtype=np.int64), nothing[..., 0], nothing)
+            none = np.zeros((pieces, NODES), dtype=np.int64)
+            return Cubics(none, np.zeros((pieces, count, NODES)), np.zeros(none.shape), np.zeros((pieces, count)))
         nodes = np.clip(np.arange(pieces) - 1, 0, len(x) - NODES)[:, None] + np.arange(NODES)
         for first, last in stretches:
             inside = np.arange(first, last)
             nodes[inside] = np.clip(inside - 1, first, last - NODES + 1)[:, None] + np.arange(NODES)
-        share = np.linspace(0.0, 1.0, count)
-        at = x[:-1, None] + np.diff(x)[:, None] * share
-        doubts = np.zeros((len(nodes), count, NODES, NODES))
+        at = x[:-1, None] + np.diff(x)[:, None] * np.linspace(0.0, 1.0, count)
         places = x[nodes]
-        for left_out in range(NODES):
-            kept = [k for k in range(NODES) if k != left_out]
-            doubts[:, :, left_out, kept] = _lagrange(places[:, kept], at)
-        weights = _lagrange(places, at)
         outer = (places < x[:-1, None]) | (places > x[1:, None])
-        doubts = np.where(outer[:, None, :, None], doubts - weights[:, :, None], 0.0)
-        return Cubics(nodes, weights, doubts)
+        third, doubts = np.empty(nodes.shape), np.zeros(at.shape)
+        for left_out in range(NODES):
+            others = np.delete(places, left_out, axis=1)
+            third[:, left_out] = 1.0 / np.prod(places[:, left_out, None] - others, axis=1)
+            ways = np.abs(np.prod(at[:, :, None] - others[:, None], axis=2))
+            doubts = np.maximum(doubts, np.where(outer[:, left_out, None], ways, 0.0))
+        return Cubics(nodes, _lagrange(places, at), third, doubts)
+
+    def some(self, which: slice) -> Cubics:
+        """Return the pieces of some intervals."""
+        return Cubics(*(column[which] for column in vars(self).values()))
 
     def values(self, v: Array) -> Array:
         """Return what quantities ``v`` (n, ...) are at the shares of all intervals, (n - 1, m, ...)."""
@@ -78,9 +85,9 @@ class Cubics:
         return found
 
     def doubt(self, v: Array) -> Array:
-        """Return how far quantities ``v`` (n, ..., c) can be from the cubics, by interval, (n - 1, ...)."""
-        changes = np.linalg.norm(np.einsum("kmoi,ki...->kmo...", self.doubts, v[self.nodes]), axis=-1)
-        found: Array = changes.max(axis=(1, 2))
+        """Return how far quantities ``v`` (n, ..., c) can be from the cubics at the shares, (n - 1, m, ...)."""
+        change = np.linalg.norm(np.einsum("ki,ki...->k...", self.third, v[self.nodes]), axis=-1)
+        found: Array = np.einsum("km,k...->km...", self.doubts, change)
         return found
 
 
@@ -92,6 +99,19 @@ def _lagrange(nodes: Array, at: Array) -> Array:
             if i != j:
                 weights[:, :, i] *= (at - nodes[:, j, None]) / (nodes[:, i] - nodes[:, j])[:, None]
     return weights
+
+
+def _peaks(v: Array) -> Array:
+    """Return the most (...) of smooth functions of which values (..., m) at even steps are known.
+
+    With second differences of D at most, one is above the straight line between two values by ``D/2 x (1 - x)``: no
+    more than the larger of them, where they are D/2 apart.
+    """
+    rise = np.abs(np.diff(v, axis=-1))
+    bent = np.abs(np.diff(v, n=2, axis=-1)).max(axis=-1, keepdims=True, initial=0.0)
+    over = np.maximum(0.5 * bent - rise, 0.0) ** 2 / np.where(bent > 0, 2.0 * bent, 1.0)
+    found: Array = np.max(np.maximum(v[..., 1:], v[..., :-1]) + over, axis=-1, initial=-math.inf)
+    return found
 
 
 def quantity(kind: LimitKind, shapes: CableMotion | SolvedFrames) -> Array:
@@ -145,21 +165,24 @@ class _Search:
         self._look()
 
     @property
-    def _wanted(self) -> float:
-        """How far the bound may lie above the largest value: a hundredth of the limit, or half of what is to spare.
+    def _target(self) -> float:
+        """What the bound has to come down to: a hundredth of the limit, or half of what is to spare, above the largest.
 
+        Above the largest that the frames themselves leave open between their stations, which no other frame makes less.
         Less where that decides; more where the limit is violated beyond doubt.
         """
-        usual, least, spare = 1e-2 * self._limit, 1e-4 * self._limit, self._limit - self.worst
-        if spare < 0:
-            return max(usual, -0.1 * spare)
-        return max(usual, 0.5 * spare) if spare > usual else max(spare, least)
+        usual, least, spare = 1e-2 * self._limit, 1e-4 * self._limit, self._limit - self._own
+        if self.worst > self._limit:
+            return self._own + max(usual, 0.1 * (self.worst - self._limit))
+        if spare < least:  # not to be decided
+            return self._own + usual
+        return self._own + (max(usual, 0.5 * spare) if spare > usual else spare)
 
     def run(self, task: Task) -> str:
         """Solve frames where the bound is too high; return why it stays so, or nothing."""
         frames, inserted, broken = self._frames, 0, self._frames.broken
         while True:
-            high = np.flatnonzero(self._bounds > self.worst + self._wanted)
+            high = np.flatnonzero(self._bounds > self._target)
             high = high[np.argsort(-self._bounds[high], kind="stable")][:AT_ONCE]
             if not len(high):
                 break
@@ -205,15 +228,18 @@ class _Search:
         frame, place = np.unravel_index(int(np.argmax(size)), size.shape)
         self.worst, self.worst_time = float(size[frame, place]), float(frames.times[frame])
         self.worst_arc = float(frames.s[place] if self._along else frames.s[[0, -1][place]])
-        fine, doubt = vectors, np.zeros(size.shape[1:])
+        fine, open_ = (
+            vectors[:, :, None],
+            np.zeros(size.shape),
+        )  # (P, arcs, places on each, c), and what each leaves open
         if self._arcs is not None:
             across = np.moveaxis(vectors, 1, 0)
-            fine = np.moveaxis(self._arcs.values(across), 2, 0)
-            fine = fine.reshape(len(fine), -1, fine.shape[-1])
-            doubt = np.repeat(self._arcs.doubt(across).T, 5, axis=1)
-        here = (np.linalg.norm(fine, axis=-1) + doubt).max(axis=1)
+            fine, doubt = (np.moveaxis(found, 2, 0) for found in (self._arcs.values(across), self._arcs.doubt(across)))
+            along = np.linalg.norm(fine, axis=-1)
+            open_ = _peaks(along + doubt) - along.max(axis=-1)
+        self._own = float((np.linalg.norm(fine, axis=-1).max(axis=-1) + open_).max())
+        self._bounds, self._doubts, self.bound = np.zeros(0), np.zeros(0), self._own
         if len(frames.times) < 2:
-            self._bounds, self._doubts, self.bound = np.zeros(0), np.zeros(0), float(here.max())
             return
         broken = frames.broken
         stretches = [(a, b) for a, b in frames.stretches() if b - a + 1 >= NODES]
@@ -222,17 +248,16 @@ class _Search:
         for a, b in stretches:
             known[a:b] = True
         self._bounds, self._doubts = np.full(len(broken), -math.inf), np.zeros(len(broken))
+        trust = self._trust[self._given(0.5 * (frames.times[1:] + frames.times[:-1]))]
         block = 64  # intervals at a time: each takes some megabytes meanwhile
         for first in range(0, len(broken), block):
             some = slice(first, first + block)
-            part = Cubics(times.nodes[some], times.weights[some], times.doubts[some])
+            part = times.some(some)
             level = np.linalg.norm(part.values(fine), axis=-1)
-            bulge = 0.125 * np.abs(np.diff(level, n=2, axis=1)).max(axis=1, initial=0.0)
-            unsure = part.doubt(fine)
-            trust = self._trust[self._given(0.5 * (frames.times[1:] + frames.times[:-1])[some])][:, None]
-            edge = np.maximum(doubt[:-1][some], doubt[1:][some]) if doubt.ndim == 2 else doubt
-            total = bulge + trust * unsure + edge
-            self._bounds[some] = (level.max(axis=1) + total).max(axis=1)
-            self._doubts[some] = total.max(axis=1)
+            unsure = trust[some, None, None, None] * part.doubt(fine)
+            most = np.moveaxis(level + unsure, 1, -1)
+            over = _peaks(most).max(axis=-1) + np.maximum(open_[:-1], open_[1:])[some]
+            self._bounds[some] = over.max(axis=-1)
+            self._doubts[some] = self._bounds[some] - level.max(axis=(1, 2, 3))
         self._bounds[~known | broken] = -math.inf
-        self.bound = float(max(here.max(), self._bounds.max(initial=-math.inf)))
+        self.bound = float(max(self._own, self._bounds.max(initial=-math.inf)))

@@ -20,7 +20,7 @@ from harness_opt.clearance.centreline import Curve, in_blocks
 from harness_opt.clearance.certify import Bounds, Cells, Search
 from harness_opt.clearance.moving_centreline import MovingCurve, Poses
 from harness_opt.clearance.to_part import after_leaving, places, survey
-from harness_opt.clearance.witnesses import Certificate, Task, Witnesses
+from harness_opt.clearance.witnesses import Certificate, Found, Task, Witnesses
 from harness_opt.model.bodies import Rates
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -246,21 +246,34 @@ class HolderSearch(PartSearch):
         geometry: the part.
         length: over which the limit to it does not count, m.
         from_end: whether from the cable's end.
-        start: the smallest clearance, once left, of the frames known so far.
+        known: what :func:`harness_opt.clearance.to_part.after_leaving` says of the frames of the motion, in some of
+            which the cable leaves the part.
     """
 
     def __init__(
-        self, task: Task, seen: Seen, geometry: Geometry, length: float, start: Certificate, *, from_end: bool
+        self,
+        task: Task,
+        seen: Seen,
+        geometry: Geometry,
+        length: float,
+        known: tuple[Witnesses, Array],
+        *,
+        from_end: bool,
     ):
-        whole = float(seen.curve.s[-1])
+        nearest, left = known
+        given, whole = seen.curve.frames.given, float(seen.curve.s[-1])
+        least = nearest.take(np.array([int(np.argmin(nearest.clearance))]))
+        start = Certificate(least, float(given[least.frame[0]]), float(least.clearance[0]), "")
         arcs = places(seen.curve.s, (whole - length, 0.0) if from_end else (0.0, whole - length))
         super().__init__(task, seen, geometry, arcs, start, np.zeros(0))
         self._length, self._from_end = length, from_end
+        self._left = dict(zip(given.tolist(), left.tolist(), strict=True))  # by motion value
 
     def first_cells(self) -> tuple[Cells, float]:
         """See :meth:`Search.first_cells`: all arcs between stations, from where the cable has left the part."""
         curve, arcs = self._curve, self._arcs
-        left = np.concatenate([self._after(some)[1] for some in in_blocks(np.arange(len(curve.times)))])
+        self._after(np.flatnonzero([at not in self._left for at in curve.times.tolist()]))
+        left = np.array([self._left[at] for at in curve.times.tolist()])
         later = np.maximum(left[1:], left[:-1])
         count = len(arcs) - 1
         interval = np.repeat(np.flatnonzero(~curve.broken & np.isfinite(later)), count)
@@ -275,32 +288,35 @@ class HolderSearch(PartSearch):
     def survey(self, values: Array) -> tuple[Witnesses, float]:
         """See :meth:`Search.survey`."""
         frames = np.flatnonzero(np.isin(self._curve.times, values))
-        found = self._after(frames)[0]
+        found = self._after(frames)
         if not len(found.frame):
             return self._best, self._at
         i = int(np.argmin(found.clearance))
         return found.take(np.array([i])), float(self._curve.times[frames[found.frame[i]]])
 
-    def _after(self, frames: Indices) -> tuple[Witnesses, Array]:
+    def _unchecked(self, lowest: list[tuple[float, float, Array]]) -> Cells:
+        """Return no cells: the search beyond that stretch, of the same cable and part, has checked the estimate."""
+        return Cells(np.zeros(0), np.zeros(0), np.zeros((0, 2)))
+
+    def _after(self, frames: Indices) -> Witnesses:
+        """Return where frames (k,) come nearest to the part once they have left it, and remember where they have."""
         curve = self._seen.frames(frames)
-        return after_leaving(self.task, curve, self._geometry, self._length, from_end=self._from_end)
+        found, left = after_leaving(self.task, curve, self._geometry, self._length, from_end=self._from_end)
+        self._left |= dict(zip(self._curve.times[frames].tolist(), left.tolist(), strict=True))
+        return found
 
 
-def entered_between(task: Task, seen: Seen, geometry: Geometry, lengths_off: tuple[float, float]) -> list[Certificate]:
+def entered_between(
+    task: Task, seen: Seen, geometry: Geometry, lengths_off: tuple[float, float], found: Found
+) -> list[Certificate]:
     """Return how near a cable comes to what holds its clamps once it has left it, one for each end that it holds.
 
     Through the whole motion, over the lengths (m) from start and end where the limit does not count; certain where it
-    is no deeper than the tolerance.
+    is no deeper than the tolerance. ``found`` is what is known of the frames.
     """
-    found = []
     touching = replace(task, limit=-task.tolerance)
-    for length, from_end in zip(lengths_off, (False, True), strict=True):
-        if length <= 0:
-            continue
-        nearest = after_leaving(touching, task.curve, geometry, length, from_end=from_end)[0]
-        if len(nearest.frame):
-            least = nearest.take(np.array([int(np.argmin(nearest.clearance))]))
-            at = float(seen.curve.frames.given[least.frame[0]])
-            start = Certificate(least, at, float(least.clearance[0]), "")
-            found.append(HolderSearch(touching, seen, geometry, length, start, from_end=from_end).certificate())
-    return found
+    return [
+        HolderSearch(touching, seen, geometry, length, known, from_end=from_end).certificate()
+        for length, known, from_end in zip(lengths_off, found.left, (False, True), strict=True)
+        if known is not None and len(known[0].frame)
+    ]

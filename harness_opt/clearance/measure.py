@@ -127,7 +127,7 @@ def _against_parts(
             view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, pair.excluded)
             search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
             pair = _certified(pair, motion, search.certificate())
-            for again in entered_between(task, view, geometry, held):
+            for again in entered_between(task, view, geometry, held, found):
                 pair = _entered(pair, motion, again, task.tolerance)
         yield _in_world(pair, problem, geometry.body, motion)
 
@@ -268,13 +268,16 @@ class _Views:
 
 def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) -> Task:
     """Return the search for cable ``name``, in the world and without a limit."""
-    cable = problem.cables[name].cable
+    cable, error = problem.cables[name].cable, float(cubic_errors(shapes).max())
+    tolerance = 0.01 * cable.diameter if options.tolerance is None else options.tolerance
+    if not problem.moves:  # then the frame is all there is, and what the cubics miss of it comes on top
+        tolerance -= min(error, 0.5 * tolerance)
     return Task(
         cable=name,
         curve=Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion)),
         radius=cable.radius,
-        error=float(cubic_errors(shapes).max()),
-        tolerance=0.01 * cable.diameter if options.tolerance is None else options.tolerance,
+        error=error,
+        tolerance=tolerance,
         reach=cable.diameter if options.reach is None else options.reach,
         strict=options.tolerance is not None,
         most_queries=options.most_queries,
@@ -336,10 +339,12 @@ def _certified(pair: PairClearance, motion: Array, found: Certificate) -> PairCl
 def _entered(pair: PairClearance, motion: Array, again: Certificate, touching: float) -> PairClearance:
     """Return a pair with what was found where the cable leaves what holds its clamp: nothing unless it enters again."""
     depth = float(again.place.clearance[0])
+    bound = pair.lower_bound
     if depth < -touching:
-        return pair if pair.worst <= depth else _certified(pair, motion, again)
-    reasons = [reason for reason in (pair.reason, again.reason) if reason]
-    return replace(pair, certified=not reasons, reason="; ".join(dict.fromkeys(reasons)))
+        bound = min(bound, again.bound)
+        pair = pair if pair.worst <= depth else _certified(pair, motion, again)
+    reasons = list(dict.fromkeys(reason for reason in (pair.reason, again.reason) if reason))
+    return replace(pair, lower_bound=bound, certified=not reasons, reason="; ".join(reasons))
 
 
 def _in_world(pair: PairClearance, problem: Problem, body: str, motion: Array) -> PairClearance:

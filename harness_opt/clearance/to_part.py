@@ -42,26 +42,15 @@ def against_part(task: Task, geometry: Geometry, excluded: tuple[float, float]) 
     samples, lower, minima = survey(task, task.curve, geometry, arcs, task.horizon)
     bound = _certify(samples, arcs, lower, task)
     sides = _other_sides(samples, minima, task)
-    again = entered_again(task, geometry, excluded)
-    if not len(again.frame):
-        return Found(samples.all(), minima, bound, lower, sides)
-    every = Witnesses.joined([samples.all(), again])
-    minima = np.concatenate([minima, np.arange(len(every.frame) - len(again.frame), len(every.frame))])
-    return Found(every, minima, min(bound, float(again.clearance.min())), lower, sides)
-
-
-def entered_again(task: Task, geometry: Geometry, lengths_off: tuple[float, float]) -> Witnesses:
-    """Return where a cable is deepest in a part that holds its clamp, after it has left it once, in each such frame.
-
-    Over ``lengths_off`` from start and end, m, the part's limit does not count: the cable may be in it until it first
-    leaves it, and near it after. What is less deep than the tolerance passes for touching.
-    """
-    sides = [
-        after_leaving(task, task.curve, geometry, length, from_end=from_end)[0]
-        for length, from_end in zip(lengths_off, (False, True), strict=True)
-    ]
-    found = Witnesses.joined(sides)
-    return found.take(found.clearance < -task.tolerance)
+    left = tuple(
+        after_leaving(task, task.curve, geometry, length, from_end=from_end) if length > 0 else None
+        for length, from_end in zip(excluded, (False, True), strict=True)
+    )
+    entered = [side[0].take(side[0].clearance < -task.tolerance) for side in left if side is not None]
+    every = Witnesses.joined([samples.all(), *entered])
+    again = np.arange(samples.count, len(every.frame))
+    bound = min(bound, float(every.clearance[again].min(initial=math.inf)))
+    return Found(every, np.concatenate([minima, again]), bound, lower, sides, left)
 
 
 def after_leaving(
@@ -69,8 +58,9 @@ def after_leaving(
 ) -> tuple[Witnesses, Array]:
     """Return where a cable is nearest to what holds its clamp after it has left it once, in each frame in which it has.
 
-    And at which arc from that end it has left it, m, (P,); infinite where it does not. It is looked at a quarter of its
-    radius apart.
+    And at which arc from that end it has left it, m, (P,); infinite where it does not. There the part's limit does not
+    count: the cable may be in it until it first leaves it, and near it after. What is less deep then than the tolerance
+    passes for touching. It is looked at a quarter of its radius apart.
 
     Args:
         task: the cable.
@@ -85,7 +75,7 @@ def after_leaving(
     clearance = geometry.signed_distance(points.reshape(-1, 3))[0].reshape(points.shape[:2]) - task.radius
     outside = clearance >= 0.0
     at = np.where(np.any(outside, axis=1), way[np.argmax(outside, axis=1)], np.inf)
-    frame = np.flatnonzero(np.isfinite(at)) if length > 0 else np.zeros(0, dtype=np.int64)
+    frame = np.flatnonzero(np.isfinite(at))
     nearest = s[np.argmin(np.where(np.maximum.accumulate(outside, axis=1), clearance, np.inf), axis=1)[frame]]
     distance, normal, point = geometry.signed_distance(curve.at(frame, nearest))
     none = np.full(len(frame), np.nan)

@@ -53,7 +53,7 @@ def holds(problem: Problem, end: End, radius: float, geometry: Geometry) -> bool
 def let_off(problem: Problem, task: Task, geometry: Geometry) -> tuple[float, float]:
     """Return the lengths, m, from start and end over which the limit to a part does not count, as it holds the clamp.
 
-    Over them :func:`harness_opt.clearance.to_part.entered_again` looks whether the cable enters the part again.
+    Over them :func:`harness_opt.clearance.certify_part.entered_between` looks whether the cable enters the part again.
     """
     run = problem.cables[task.cable]
     ends = (run.start, run.end)

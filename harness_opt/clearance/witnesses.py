@@ -123,6 +123,8 @@ class Found:
         minima: (k,), the numbers of those that are local minima along the cable.
         bound: no point of the centreline has a smaller clearance, m.
         sides: the numbers of samples in the same places as minima, nearest to other points of the obstacle.
+        left: what :func:`harness_opt.clearance.to_part.after_leaving` says of either end of a cable whose clamp the
+            part holds; None where it does not.
         lower: of a part, bounds below the clearances (P, M) at the places looked at first, m; None for cables.
     """
 
@@ -131,6 +133,7 @@ class Found:
     bound: float
     lower: Array | None = None
     sides: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    left: tuple[tuple[Witnesses, Array] | None, ...] = (None, None)
 
 
 @dataclass(frozen=True, eq=False)

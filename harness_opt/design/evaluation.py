@@ -60,14 +60,19 @@ class Evaluated:
 
     def predicted(self, name: str, values: Array) -> dict[int, Solved]:
         """Return the frames of cable ``name``, by index, moved to first order to the design ``values`` (k,)."""
-        frames = self.sweeps[name].frames
-        if name not in self.rates:
-            return dict(zip(self.indices, frames, strict=True))
-        moved = self.rates[name].unknowns @ (values - self.values)
-        return {
-            index: dataclasses.replace(f, solution=dataclasses.replace(f.solution, x=f.solution.x + dx))
-            for index, f, dx in zip(self.indices, frames, moved, strict=True)
-        }
+        own = self.sweeps[name]
+        shapes = dict(zip(self.indices, own.frames, strict=True))
+        if name in self.rates:
+            moved = self.rates[name].unknowns @ (values - self.values)
+            shapes = {
+                index: dataclasses.replace(f, solution=dataclasses.replace(f.solution, x=f.solution.x + dx))
+                for (index, f), dx in zip(shapes.items(), moved, strict=True)
+            }
+        # a design that goes on from a cable that went through itself has done so too
+        through = [0] * own.begins_through_itself + [frame for frame, _, passes in own.snaps if passes]
+        for index in {self.indices[frame] for frame in through}:
+            shapes[index] = dataclasses.replace(shapes[index], passed=True)
+        return shapes
 
     @functools.cached_property
     def shortfalls(self) -> dict[LimitId, float]:

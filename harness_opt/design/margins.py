@@ -19,7 +19,7 @@ from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.model.design_variables import ClampRates
-from harness_opt.model.limits import LimitId, LimitKind
+from harness_opt.model.limits import LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.reach import clamp_way
 from harness_opt.model.results import CableMotion, Motion
@@ -92,6 +92,11 @@ def linearised(
     ]
     for name in motion.cables:
         rows += _cable_rows(problem, name, motion, rates.get(name), asked, variables)
+    rows += [
+        _through_itself(problem, name, frame, asked, variables)
+        for name, (frame, _) in motion.through_themselves.items()
+        if problem.limits.clearance is not None
+    ]
     if not rows:  # every pair was left out: nothing can be near its limit
         return Rows(np.ones(1), np.zeros((1, variables)), (None,), np.zeros(1, dtype=int), np.ones(1))
     return Rows.joined(rows)
@@ -138,6 +143,15 @@ def _clearance_rows(
         slope /= scale
     margin = (witnesses.clearance - limit) / scale - asked[pair.id]
     return Rows(margin, slope, (pair.id,) * len(margin), witnesses.frame, np.full(len(margin), scale))
+
+
+def _through_itself(problem: Problem, cable: str, frame: int, asked: Mapping[LimitId, float], variables: int) -> Rows:
+    """Return the row of a cable that goes through itself: a diameter too near, and nothing says what would help."""
+    which = LimitId(LimitKind.CLEARANCE, cable, Obstacle(cable, is_cable=True))
+    limit, own = problem.limits.clearance or 0.0, problem.cables[cable].cable
+    scale = which.kind.scale(limit, own.radius)
+    margin = np.array([(-own.diameter - limit) / scale - asked[which]])
+    return Rows(margin, np.zeros((1, variables)), (which,), np.array([frame]), np.full(1, scale))
 
 
 def _approach(

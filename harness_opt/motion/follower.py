@@ -110,7 +110,7 @@ class CableFollower:
             posed = self.cases.posed(self.ends[0], guess.case)
             warm = step(posed, dataclasses.replace(guess, case=posed), None, 0.0, self.solver)
             if warm is not None:
-                return warm
+                return dataclasses.replace(warm, passed=True) if guess.passed else warm
         return first_shape(self.cases, float(self.motion[0]))
 
     def _begin(self, first: Rod | None, guess: Solved | None) -> tuple[Status, str] | None:
@@ -151,6 +151,8 @@ class CableFollower:
         if guess is not None and np.array_equal(guess.bound.mesh, here.bound.mesh):
             warm = step(target, guess, None, 0.0, self.solver)
             if warm is not None:
+                if guess.passed:
+                    self.snaps.append((k, float(self.motion[k]), True))
                 return warm
         before = self.frames[-2] if k > 1 and (not self.snaps or self.snaps[-1][0] < k - 1) else None
         ratio = (self.motion[k] - self.motion[k - 1]) / (self.motion[k - 1] - self.motion[k - 2]) if before else 0.0

@@ -19,7 +19,7 @@ from harness_opt.motion.rows_on_disk import RowsOnDisk
 from harness_opt.numerics.linear import Factor
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.states import Rod
-from harness_opt.statics.solve import Solved, error_from_defects
+from harness_opt.statics.solve import Solved
 
 MOST_HELD = 200_000_000  # bytes of frames that stay in memory, of all cables of a problem together
 NODES_AT_A_TIME = 4096  # of which something is asked: each takes some 10 kB meanwhile
@@ -220,12 +220,12 @@ def blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
 
 def estimates(frames: Sequence[Solved]) -> list[tuple[float, Array]]:
     """Return the :attr:`Solved.estimate` of ``frames``, which share cable and mesh: those not known yet together."""
-    unknown = [frame for frame in frames if "estimate" not in vars(frame)]
+    unknown = [frame for frame in frames if not frame.is_estimated]
     if unknown:
         with np.errstate(over="ignore", invalid="ignore"):
             defects = batch(unknown).defects()
         for k, frame in enumerate(unknown):
-            vars(frame)["estimate"] = error_from_defects(frame, defects.of(k))
+            frame.estimate_from(defects.of(k))
     return [frame.estimate for frame in frames]
 
 

@@ -78,6 +78,15 @@ class Solved:
         return error_from_defects(self, defects)
 
     @property
+    def is_estimated(self) -> bool:
+        """Whether :attr:`estimate` is known already."""
+        return "estimate" in vars(self)
+
+    def estimate_from(self, defects: Defects) -> None:
+        """Find :attr:`estimate` from the shape's defects, found together with those of others."""
+        vars(self)["estimate"] = error_from_defects(self, defects)
+
+    @property
     def lasting(self) -> Factor | None:
         """A factorised Jacobian that serves for cases nearby too; None where there is none.
 

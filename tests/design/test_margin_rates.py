@@ -12,6 +12,7 @@ import pytest
 import harness_opt as ho
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.what_counts import arc_apart
+from harness_opt.design.evaluation import GUARD, Evaluator
 from harness_opt.design.margins import linearised
 from harness_opt.model import design_variables
 from harness_opt.model.design import Design
@@ -20,7 +21,9 @@ from harness_opt.motion.simulate import collect
 from harness_opt.motion.sweep import followed, sweep
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
+from oracles.problems import ROOT
 
+SOLVER = "gauss-newton"
 FRAMES = np.array([0.0, 0.35, 1.0])
 ELEMENTS = 16  # the same for all, so that differences do not see a change of mesh
 EXACT = 1e-5  # of the largest rate of a limit: what differences of shapes are good to
@@ -162,3 +165,21 @@ def test_the_edges_of_what_counts_are_met():
     assert clamp.nearest.arc_length == pytest.approx(length - clamp.excluded[1])
     apart = itself.nearest.other_arc_length - itself.nearest.arc_length
     assert apart == pytest.approx(arc_apart(0.0025, 0.003))
+
+
+def test_a_design_sees_a_cable_go_through_itself():
+    """Four turns that the first shape got rid of: the frames show nothing near itself, a design does not hold."""
+    drawn = ho.read_problem(ROOT / "tests" / "reference" / "verdict" / "turns.toml")
+    variables = (ho.Variable("hose.length", 0.99, 1.1),)
+    evaluate = Evaluator(
+        dataclasses.replace(drawn, design=Design(variables=variables)), load_scene(drawn), SOLVER, None
+    )
+    first = evaluate(np.array([1.0]), None)
+    assert first is not None
+    near = evaluate(np.array([1.001]), first)  # which begins with the shapes of the first
+    assert near is not None
+    for design in (first, near):
+        which = design.rows.limit[design.worst]
+        assert str(which) == "clearance.hose.cable:hose"
+        scale = design.rows.scale[design.worst]
+        assert design.rows.margin[design.worst] * scale == pytest.approx(-0.013, abs=2 * GUARD * scale)

@@ -32,7 +32,7 @@ def rows(motion: ho.Motion):
     [
         ("lift_arm", {("clearance", "bracket")}),
         ("door", {("clearance", "striker")}),
-        ("drawer", {("bend_radius", None)}),
+        ("drawer", {("bend_radius", None), ("clearance", "tray")}),  # the tray by 5 um
         ("camera_pan", {("twist", None)}),
     ],
 )
