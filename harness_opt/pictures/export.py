@@ -79,8 +79,8 @@ def _file_names(names: Iterable[str]) -> dict[str, str]:
 def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, frame: int) -> dict[str, Array]:
     """Return what is known at the stations of a cable in one frame, by name; a clearance that does not count is NaN."""
     shapes = motion.cables[name]
-    points = colouring.Points(name, frame, shapes.s, shapes.position[frame])
-    clearance, _ = colouring.states(motion, scene, measured.pairs, points, np.inf)
+    points = colouring.Points(name, np.array([frame]), shapes.s, shapes.position[[frame]])
+    clearance = colouring.states(motion, scene, measured.pairs, points, np.inf)[0][0]
     radius = 1.0 / np.maximum(bending(shapes.frames(slice(frame + 1)))[frame], STRAIGHT)
     return {
         "arc_length": shapes.s,

@@ -39,7 +39,7 @@ from harness_opt.pictures.drawing import (
 )
 from harness_opt.pictures.opengl import drawable, load_pyvista
 from harness_opt.pictures.window import show
-from harness_opt.report.colours import CABLES, CABLES_AFTER, EDGE, INK, MOVING_PART, SHORT, SLEEVE, TOUCHES, rgb
+from harness_opt.report.colours import CABLES, EDGE, INK, MOVING_PART, SHORT, SLEEVE, TOUCHES, rgb
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -144,7 +144,7 @@ def write_pictures(
         changed = _changes(result)
         views = [
             worst_view(result.motion_before, scene, result.limits_before, "Before"),
-            worst_view(motion, scene, result.limits, f"After: {changed}", CABLES_AFTER),
+            worst_view(motion, scene, result.limits, f"After: {changed}"),
         ]
         asked = {"worst.png": [replace(views[1], title=f"Redesigned: {changed}")], "before_after.png": views}
     folder = Path(folder)

@@ -24,11 +24,13 @@ from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.results import Motion
+from harness_opt.model.travel import Moments
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.report import charts, colours
 from harness_opt.report import page_rows as report_words
 from harness_opt.report.data_sheet import data_sheets
+from harness_opt.report.inputs import input_tables
 from harness_opt.report.scene_data import part_data, scene_data, view_data
 from harness_opt.report.summary import summary as summarise
 
@@ -38,7 +40,9 @@ if TYPE_CHECKING:
 Json = dict[str, Any]
 
 FILE = "report.html"
-SCRIPTS = ("geometry.js", "view.js", "stage.js", "page.js")  # in the order they are read
+MOST_NAMES = 12  # of parts that are all named to begin with
+NAMES_TOLD = 5  # of parts, among the facts
+SCRIPTS = ("geometry.js", "view.js", "overlay.js", "stage.js", "page.js")  # in the order they are read
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,23 +117,21 @@ def _stage(
     share = 1.0 / len(results)
     scenes = [scene_data(one, scene, clearances, share) for one, clearances in results]
     titles = [""] if given is None else ["Before", "After"]
-    palettes = [colours.CABLES] if given is None else [colours.CABLES, colours.CABLES_AFTER]
-    for entry, title, palette in zip(scenes, titles, palettes, strict=True):
-        entry |= {"title": title, "colours": palette}
+    for entry, title in zip(scenes, titles, strict=True):
+        entry |= {"title": title, "colours": colours.CABLES}
     worst = []
     for one, clearances in results:
         rows = all_limits(one.problem, one, clearances)
         frame = most_urgent(one.problem, rows).frame if rows else _most_bent(one)
         worst.append(float(one.motion[frame]))
-    shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in results]
     return {
         "scenes": scenes,
         "parts": part_data(motion, scene),
-        "view": view_data(shown),
+        "view": view_data([one for one, _ in results], scene),
         "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "duration": motion.problem.duration,
+        "path": dataclasses.asdict(Moments.of(motion.problem)),
         "worst": worst[0],
         "begin": worst[0],
     }
@@ -166,14 +168,18 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         }
         data["rows"] = report_words.live_rows(motion, report.measured, summary["limits"], curves)
     verdict, tone = report_words.verdict(summary)
+    shown, held = report_words.limit_groups(summary)
     return environment.get_template("report.html.jinja").render(
-        title=summary["problem"]["title"] or Path(summary["problem"]["file"] or "A problem without title").stem,
+        title=_title(summary),
         subtitle="Redesign of a cable harness" if summary["command"] == "redesign" else "Simulation of a cable harness",
         verdict=verdict,
         tone=tone,
         conclusion=report_words.conclusion(summary),
         facts=_facts(motion, summary),
-        limits=report_words.limit_rows(summary["limits"]),
+        limits=shown,
+        held=held,
+        inputs=list(input_tables(motion.problem)),
+        most_names=MOST_NAMES,
         variables=report_words.variable_rows(summary),
         redesign_words=list(report_words.redesign_words(summary)),
         before_after=report_words.before_after(summary),
@@ -185,8 +191,7 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         moments=[(charts.place(at), f"{100 * at:.0f}") for at in (0.0, 0.25, 0.5, 0.75, 1.0)],
         modes=_modes(report.measured),
         cables=list(motion.cables),
-        colours=colours.CABLES if report.given is None else colours.CABLES_AFTER,
-        triads=True,
+        colours=colours.CABLES,
         scene_notes=list(_scene_notes(data)),
         sheets=report_words.sheet_rows(motion, data_sheets(motion)) if len(motion.motion) else None,
         notes=list(report_words.notes(summary)),
@@ -198,6 +203,13 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         style_hash=_hash(style),
         script_hash=_hash(script),
     )  # fmt: skip
+
+
+def _title(summary: Summary) -> str:
+    """Return the title of the page: of a redesign that found anything it says so."""
+    problem = summary["problem"]
+    title = problem["title"] or Path(problem["file"] or "A problem without title").stem
+    return f"{title}: redesigned" if summary["command"] == "redesign" and summary["frames"] else title
 
 
 def _asset(name: str) -> str:
@@ -222,10 +234,17 @@ def _facts(motion: Motion, summary: Summary) -> list[tuple[str, str]]:
         ("Frames solved", f"{summary['frames']}"),
         ("Cables" if len(problem.cables) > 1 else "Cable", ", ".join(problem.cables)),
         ("Length", lengths),
-        ("Parts", ", ".join(problem.parts) or "none"),
+        ("Parts", _some(list(problem.parts))),
         ("Snaps", f"{len(summary['snaps']) or 'none'}"),
         ("Computed in", f"{summary['timing']['total']:.1f} s"),
     ]
+
+
+def _some(names: list[str]) -> str:
+    """Return names in words, and how many there are where these are too many."""
+    if len(names) <= NAMES_TOLD:
+        return ", ".join(names) or "none"
+    return f"{len(names)}: {', '.join(names[:NAMES_TOLD])}, ..."
 
 
 def _scene_notes(data: Json) -> list[str]:

@@ -12,6 +12,7 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import LimitEntry, Summary, limit_of, moments_of
 from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.results import Motion
+from harness_opt.model.travel import Moments
 from harness_opt.numerics.rotations import Array
 from harness_opt.report import charts
 from harness_opt.report import words as tables
@@ -27,6 +28,12 @@ WORDS = {
     "infeasible": ("No design holds the limits", "bad"),
     "unsolved": ("Not solved", "bad"),
 }
+HOLDS = {
+    "yes": ("good-text", "yes", "held"),
+    "no": ("bad-text", "NO", "short"),
+    "uncertain": ("warn-text", "not certain", "unsure"),
+}
+MOST_GROUPS = 12  # of limits that are shown whether they hold or not
 MOST_CYCLES = 4  # listed for each quantity, the largest first
 
 
@@ -50,28 +57,50 @@ def conclusion(summary: Summary) -> str:
     return f"The tightest of {len(rows)} is {tables.limit_words(tight)}: {margin} to spare, at {at}."
 
 
-def limit_rows(rows: Sequence[LimitEntry]) -> list[Json]:
-    """Return the limits of a summary as the cells of a table."""
-    found = []
-    for row in rows:
-        holds = row["holds"] != "no"
-        reach = BAR * min(1.0, abs(_share(row)))
-        found.append(
-            {
-                "label": KIND_OF_KEY[row["name"]].words,
-                "cable": row["cable"],
-                "against": tables.against(row),
-                "allowed": tables.quantity(row, row["limit"]),
-                "worst": tables.quantity(row, row["worst"]),
-                "margin": tables.quantity(row, row["margin"], "+"),
-                "holds": row["holds"],
-                "bar": (0.0 if holds else round(-reach, 2), round(max(reach, 1.0), 2)),
-                "motion": row["motion"],
-                "where": "never near" if row["worst"] is None else "{}, {} mm along".format(*tables.where(row)),
-                "sure": _certainty(row),
-            }
-        )
-    return found
+def limit_groups(summary: Summary) -> tuple[list[list[Json]], list[list[Json]]]:
+    """Return the limits of a summary as groups of rows of cells, worst first, and those that can wait.
+
+    A group has all clearances to one part, or all limits of one kind; its worst row stands first. Of many groups those
+    that hold can wait.
+    """
+    moments = moments_of(summary)
+    groups: dict[str, list[Json]] = {}
+    for number, row in sorted(enumerate(summary["limits"]), key=lambda pair: _urgency(pair[1])):
+        cells = _limit_cells(row, moments) | {"number": number}
+        groups.setdefault(cells["group"], []).append(cells)
+    found = list(groups.values())
+    wait = [k for k, rows in enumerate(found) if k >= MOST_GROUPS and rows[0]["holds"] == "yes"]
+    return [rows for k, rows in enumerate(found) if k not in wait], [found[k] for k in wait]
+
+
+def _urgency(row: LimitEntry) -> tuple[int, float]:
+    return ("no", "uncertain", "yes").index(row["holds"]), _share(row)
+
+
+def _limit_cells(row: LimitEntry, moments: Moments) -> Json:
+    reach = BAR * min(1.0, abs(_share(row)))
+    tone, answer, kind = HOLDS[row["holds"]]
+    words, against = KIND_OF_KEY[row["name"]].words, tables.against(row)
+    at = "never near"
+    if row["worst"] is not None:
+        at = f"{moments.words(row['motion'])}, {1e3 * row['arc_length']:.0f} mm along"
+    return {
+        "label": words,
+        "group": against or words,
+        "cable": row["cable"],
+        "against": against,
+        "allowed": tables.quantity(row, row["limit"]),
+        "worst": tables.quantity(row, row["worst"]),
+        "margin": tables.quantity(row, row["margin"], "+"),
+        "holds": row["holds"],
+        "tone": tone,
+        "answer": answer,
+        "kind": kind,
+        "bar": (round(-reach, 2) if row["holds"] == "no" else 0.0, round(max(reach, 1.0), 2)),
+        "motion": row["motion"],
+        "where": at,
+        "sure": _certainty(row),
+    }
 
 
 def _share(row: LimitEntry) -> float:
@@ -84,9 +113,9 @@ def _certainty(row: LimitEntry) -> str:
     unit = KIND_OF_KEY[row["name"]].unit
     tolerance = "-" if row["tolerance"] is None else f"{row['tolerance'] * unit.factor:.2g} {unit.name}"
     if row["certified"]:
-        return f"certain, to {tolerance}"
+        return f"to {tolerance}"
     if row.get("certified_along_arc"):
-        return f"certain at the frames, to {tolerance}"
+        return f"at frames, to {tolerance}"
     return f"estimated, to {tolerance}" if row["tolerance"] else "at the clamps"
 
 
