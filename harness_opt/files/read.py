@@ -45,6 +45,7 @@ DEEPEST = 32  # tables within tables; none of ours lies deeper than five
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""  # of a dotted key, bare or quoted
 LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PART}[.\]=]")
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
+_OWN, _OF_A_STUDY = {"cables", "bodies", "parts"}, {"vary", "variants", "problem"}  # tables of either kind of file
 NEAR = 20  # letters that are shown around one that cannot be written
 MOST_MISTAKES = 200  # that are told one by one
 MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
@@ -146,6 +147,10 @@ def problem_from(
     raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
 ) -> Problem:
     """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
+    if not _OWN & raw.keys() and _OF_A_STUDY & raw.keys():
+        raise ProblemError(
+            f"{file}: found a study, expected a problem file; a study is run by: harness-opt study {file}"
+        )
     tables, tree, mistakes = file_schema.structured(raw)
     mistakes += mistakes_between(tree, places)
     motions, wrong = _motions(tree, places, pending or {})

@@ -23,6 +23,7 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.model.travel import Moments
 from harness_opt.numerics.threads import one_at_a_time
@@ -126,7 +127,7 @@ def _stage(
         worst.append(float(one.motion[frame]))
     return {
         "scenes": scenes,
-        "parts": part_data(motion, scene),
+        "parts": part_data(motion.problem, scene),
         "view": view_data([one for one, _ in results], scene),
         "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
         "ramp": colours.RAMP,
@@ -153,13 +154,6 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         summary: of the same result.
         texts: problem files to show, by name; None shows the one that was read.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["short"] = lambda value: f"{value:g}"
-    style, script = _asset("report.css"), "\n".join(_asset(name) for name in SCRIPTS)
     motion, data = report.motion, dict(report.data)
     if len(motion.motion):
         curves = {
@@ -169,7 +163,9 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         data["rows"] = report_words.live_rows(motion, report.measured, summary["limits"], curves)
     verdict, tone = report_words.verdict(summary)
     shown, held = report_words.limit_groups(summary)
-    return environment.get_template("report.html.jinja").render(
+    return page(
+        "report.html.jinja",
+        data,
         title=_title(summary),
         subtitle="Redesign of a cable harness" if summary["command"] == "redesign" else "Simulation of a cable harness",
         verdict=verdict,
@@ -197,12 +193,26 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         notes=list(report_words.notes(summary)),
         texts=list((texts or _texts(report)).items()),
         footer=_footer(summary),
-        data=data,
-        style=style,
-        script=script,
-        style_hash=_hash(style),
-        script_hash=_hash(script),
     )  # fmt: skip
+
+
+def page(template: str, data: Json, **content: Any) -> str:
+    """Return a page that needs nothing else.
+
+    Args:
+        template: name of the file that it is made of.
+        data: for its script.
+        content: what the template asks for beside.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_asset), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["short"] = lambda value: f"{value:g}"
+    style, script = _asset("report.css"), "\n".join(_asset(name) for name in SCRIPTS)
+    hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
+    return environment.get_template(template).render(data=data, style=style, script=script, **hashes, **content)
 
 
 def _title(summary: Summary) -> str:
@@ -263,9 +273,13 @@ def _scene_notes(data: Json) -> list[str]:
 
 
 def _texts(report: Report) -> dict[str, str]:
-    """Return the problem file as it was read, or as it would be written where it is gone or changed."""
+    """Return the problem file that the result was asked of."""
     result = report.result
-    problem = result.problem if isinstance(result, Motion) else result.original
+    return texts_of(result.problem if isinstance(result, Motion) else result.original)
+
+
+def texts_of(problem: Problem) -> dict[str, str]:
+    """Return the problem file as it was read, or as it would be written where it is gone or changed, by name."""
     if problem.file is None:
         return {"Problem": problem_text(problem, Path.cwd() / "problem.toml")[0]}
     try:

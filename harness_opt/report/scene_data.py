@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.limits import bending
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -129,7 +130,7 @@ def looked(back: Array, hold: Array, near: Array) -> Json:
 # --- parts ---------------------------------------------------------------------------------------------
 
 
-def part_data(motion: Motion, scene: Scene) -> list[Json]:
+def part_data(problem: Problem, scene: Scene) -> list[Json]:
     """Return the parts as triangles in the coordinates of their bodies, on a grid of 16-bit numbers."""
     shapes = {name: triangles(part) for name, part in scene.parts.items()}
     total = sum(len(faces) for _, faces in shapes.values())
@@ -142,7 +143,7 @@ def part_data(motion: Motion, scene: Scene) -> list[Json]:
             {
                 "name": name,
                 "body": body,
-                "moves": motion.problem.body(body).motion is not None,
+                "moves": problem.body(body).motion is not None,
                 "closed": scene.parts[name].closed,
                 "triangles": len(kept),
                 "triangles_of": len(faces),

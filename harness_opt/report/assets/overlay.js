@@ -1,6 +1,6 @@
 // What lies over the canvas: names, axes, a scale, and the list of parts to hide and isolate.
 
-const CLOSE = [70, 15]; // pixels across and down, within which two names would cover each other
+const CLOSE = [70, 24]; // pixels across and down, within which two names would cover each other
 const LONGEST_SCALE = 130; // pixels
 const ARM = 24; // pixels, of the axes
 

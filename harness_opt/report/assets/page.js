@@ -197,7 +197,7 @@ function begin() {
     go(Number(event.target.value));
   });
   one("#play").addEventListener("click", () => play(!state.playing));
-  one("#worst").addEventListener("click", () => go(data.worst));
+  one("#worst")?.addEventListener("click", () => go(data.worst));
   all("#controls input").forEach((input) => input.addEventListener("change", redraw));
   all("[data-look]").forEach((button) => button.addEventListener("click", () => {
     if (!state.stage) return;

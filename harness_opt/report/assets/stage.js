@@ -128,10 +128,7 @@ class Stage {
       return { ...part, middle: bounds, mesh: this.renderer.mesh(made), edges: this.renderer.mesh({ positions: made.edges }) };
     });
     this.sceneViews = data.scenes.map((scene) => new SceneView(this.renderer, scene, scene.colours));
-    this.frameArrows = this.data.palette.axes.map((_, k) => {
-      const tip = [0, 0, 0].map((_, j) => (j === k ? 1 : 0));
-      return this.renderer.mesh(tube(new Float32Array([0, 0, 0, ...tip]), 0.05, 10));
-    });
+    this.frameArrows = this.data.palette.axes.map((_, k) => this.renderer.mesh(arrow(k, 16)));
     this.sleeve = this.renderer.mesh(tube(new Float32Array([0, 0, -0.4, 0, 0, 2.2]), 1.5, 24));
     this.pointer = this.renderer.mesh({ positions: new Float32Array(3) });
     this.hidden = new Set(); // numbers of parts
