@@ -18,7 +18,7 @@ from harness_opt.design.robustness import Robustness, Within, within
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model.design import Robust
 from harness_opt.model.limits import LimitId
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Problem, given_problem
 from harness_opt.motion.follower import Progress
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
@@ -58,7 +58,7 @@ def redesign(
         ProblemError: no variables or no limits; a mesh that cannot be used; tolerances that no problem can have.
         SolveError: the original design cannot be simulated, not even moved inside its bounds.
     """
-    robust = problem.robust
+    robust = given_problem(problem).robust
     if robust is None:
         return nominal.nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, throw=throw

@@ -21,20 +21,21 @@ from pydantic import TypeAdapter, ValidationError
 
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
-from harness_opt.files.checks import SIDES, Tree, mistakes_between, table, value
+from harness_opt.files.checks import mistakes_of_parts
 from harness_opt.files.places import MEGABYTE, Places, unreadable
 from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
 from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
-from harness_opt.files.values import Mistake, coupling, dotted, shown
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
+from harness_opt.model.between import SIDES, Tree, mistakes_between, table, value
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
 from harness_opt.model.cable import REACH_TOLERANCE, Cable, CableRun, End
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
+from harness_opt.model.words import Mistake, coupling, dotted, shown
 from harness_opt.numerics import rotations
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
@@ -152,7 +153,7 @@ def problem_from(
             f"{file}: found a study, expected a problem file; a study is run by: harness-opt study {file}"
         )
     tables, tree, mistakes = file_schema.structured(raw)
-    mistakes += mistakes_between(tree, places)
+    mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places)]
     motions, wrong = _motions(tree, places, pending or {})
     mistakes += wrong
     mistakes += _reach(tree, motions)

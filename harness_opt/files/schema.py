@@ -19,9 +19,7 @@ from harness_opt.files.values import (
     Direction,
     Expected,
     Flag,
-    KeyPath,
     MeshUnit,
-    Mistake,
     MotionValue,
     NotNegative,
     Number,
@@ -36,16 +34,14 @@ from harness_opt.files.values import (
     UpAxis,
     Vector,
     Whole,
-    one_of,
     only_integer,
     schema_of,
-    shown,
 )
+from harness_opt.model.between import INVALID
+from harness_opt.model.words import KeyPath, Mistake, one_of, shown
 
 UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
 MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
-
-INVALID = object()  # stands in a checked tree for a value that a message already names
 
 
 def _not_both(*keys: str) -> list[JsonValue]:

@@ -8,6 +8,8 @@ from typing import Literal
 
 from harness_opt.model.tolerances import Tolerance
 
+Minimise = Literal["change", "length"]
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -73,7 +75,7 @@ class Design:
         snaps: whether the cables may snap on the way.
     """
 
-    minimise: Literal["change", "length"] = "change"
+    minimise: Minimise = "change"
     variables: tuple[Variable, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     weights: Mapping[str, float] = field(default_factory=dict)

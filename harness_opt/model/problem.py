@@ -6,14 +6,18 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 
 from __future__ import annotations
 
+import copy
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.model import checks
+from harness_opt.errors import ProblemError
+from harness_opt.model.between import mistakes_of
 from harness_opt.model.bodies import WORLD, Body, Poses, Rates
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
@@ -58,10 +62,23 @@ class Problem:
     sha256: str | None = None
 
     def __post_init__(self) -> None:
-        checks.numbers("gravity", self.gravity, 3)
-        checks.positive("duration", self.duration)
-        if self.spatial_step is not None:
-            checks.positive("spatial_step", self.spatial_step)
+        mistakes = mistakes_of(self)
+        if mistakes:
+            raise ProblemError(mistakes)
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        names = ", ".join(self.cables)
+        moving = ", ".join(name for name, body in self.bodies.items() if body.motion is not None) or "none"
+        title = f"{self.title!r}, " if self.title else ""
+        return f"<Problem: {title}cables {names}; moving bodies {moving}; {len(self.parts)} parts>"
+
+    def changed(self, **parts: Any) -> Problem:
+        """Return a copy with ``parts`` in the place of what they are called, not checked again: for inner loops."""
+        other = copy.copy(self)
+        for name, value in parts.items():
+            object.__setattr__(other, name, value)
+        return other
 
     def body(self, name: str) -> Body:
         """Return the body called ``name``; "world" stands still."""
@@ -104,6 +121,20 @@ class Problem:
         return self.limits.clearance if own is None else own
 
 
+def given_problem(problem: object) -> Problem:
+    """Return ``problem``, or say what else it is.
+
+    Raises:
+        ProblemError: something else, such as the path of a file.
+    """
+    if isinstance(problem, Problem):
+        return problem
+    if isinstance(problem, (str, os.PathLike)):
+        path = os.fspath(problem)
+        raise ProblemError(f"problem: found the path {path!r}, expected a Problem: harness_opt.read_problem({path!r})")
+    raise ProblemError(f"problem: found {type(problem).__name__}, expected a Problem")
+
+
 def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) -> Problem:
     """Return ``problem`` with the ends of ``cable`` whose rolls were to be found clamped in ``frames``.
 
@@ -120,7 +151,7 @@ def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) ->
             held[side] = end.held(rotations.multiply(rotations.conjugate(body), rotations.normalise(frame)))
     if not held:
         return problem
-    return replace(problem, cables={**problem.cables, cable: replace(run, **held)})  # type: ignore[arg-type]
+    return problem.changed(cables={**problem.cables, cable: replace(run, **held)})  # type: ignore[arg-type]
 
 
 def input_files(problem: Problem) -> list[Path]:

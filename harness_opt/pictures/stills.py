@@ -99,7 +99,7 @@ def _rows_of_zero(motion: Motion, scene: Scene) -> tuple[LimitResult, ...]:
     """Return the rows that limits of 0 would have: of the clearances to parts, and of the bend radius."""
     found = measure(motion.problem, scene, motion.motion, motion.cables)
     touching = replace(found, pairs=tuple(replace(pair, limit=0.0) for pair in found.pairs))
-    problem = replace(motion.problem, limits=replace(motion.problem.limits, bend_radius=0.0))
+    problem = motion.problem.changed(limits=replace(motion.problem.limits, bend_radius=0.0))
     return all_limits(problem, motion, touching)
 
 

@@ -11,6 +11,7 @@ import datetime
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,9 +27,10 @@ from harness_opt.files.write import problem_text
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.model.travel import Moments
+from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
-from harness_opt.report import charts, colours
+from harness_opt.report import charts, colours, viewpoint
 from harness_opt.report import page_rows as report_words
 from harness_opt.report.data_sheet import data_sheets
 from harness_opt.report.inputs import input_tables
@@ -41,6 +43,10 @@ if TYPE_CHECKING:
 Json = dict[str, Any]
 
 FILE = "report.html"
+SMALL, MARGIN = (320, 200), 8  # of a notebook's picture, pixels
+SHADES = 5  # moments of the motion that are drawn, the last one darkest
+ROWS = 8  # limits that are told, worst first
+TONES = {"good": "#14794a", "bad": "#b3141c", "warn": "#8a5a00"}
 MOST_NAMES = 12  # of parts that are all named to begin with
 NAMES_TOLD = 5  # of parts, among the facts
 SCRIPTS = ("geometry.js", "view.js", "overlay.js", "stage.js", "page.js")  # in the order they are read
@@ -330,3 +336,51 @@ def write_report(result: Motion | Redesign, file: str | Path) -> Path:
         texts = _texts(report) | {"redesigned.toml": problem_text(result.problem, Path(file).resolve())[0]}
     write_whole(Path(file), html(report, content, texts).encode("utf-8", "replace"))
     return Path(file)
+
+
+# --- in a notebook -------------------------------------------------------------------------------------
+
+
+def for_notebook(result: Motion | Redesign) -> str:
+    """Return ``result`` as HTML; its clearances are measured where it is a motion."""
+    motion = result if isinstance(result, Motion) else result.motion
+    content = summarise(result)
+    words, tone = report_words.verdict(content)
+    title = escape(motion.problem.title or "Motion")
+    groups, held = report_words.limit_groups(content)
+    cells = [row for rows in (*groups, *held) for row in rows]
+    lines = "".join(
+        f"<tr><td>{escape(row['label'])}</td><td>{escape(row['cable'])}</td><td>{escape(row['against'])}</td>"
+        f"<td>{row['worst']}</td><td>{row['margin']}</td><td>{report_words.HOLDS[row['holds']][1]}</td></tr>"
+        for row in cells[:ROWS]
+    )
+    more = f"<p>{len(cells) - ROWS} more limits</p>" if len(cells) > ROWS else ""
+    head = "<tr><th>limit</th><th>cable</th><th>against</th><th>worst</th><th>margin</th><th>holds</th></tr>"
+    table = f"<table>{head}{lines}</table>{more}" if cells else ""
+    return f"<div><b>{title}</b>: <b style='color:{TONES[tone]}'>{escape(words)}</b>{_picture(motion)}{table}</div>"
+
+
+def _picture(motion: Motion) -> str:
+    """Return the cables at a few moments as SVG, seen across the plane of their motion; nothing without frames."""
+    if not len(motion.motion):
+        return ""
+    positions = [cable.position for cable in motion.cables.values()]
+    right, up, _ = viewpoint.axes(viewpoint.plane_normal(positions), viewpoint.ASIDE, 1.0)
+    flat = [np.stack([at @ right, -(at @ up)], axis=-1) for at in positions]
+    every = np.vstack([at.reshape(-1, 2) for at in flat])
+    low, size = every.min(axis=0), np.ptp(every, axis=0)
+    room = np.array(SMALL) - 2 * MARGIN
+    scale = float(np.min(room / np.maximum(size, 1e-12 + 1e-9 * float(size.max()))))
+    frames = np.unique(np.linspace(0, len(motion.motion) - 1, SHADES).round().astype(int))
+    lines = [
+        _line(MARGIN + scale * (at[frame] - low), colours.CABLES[number % len(colours.CABLES)], (k + 1) / len(frames))
+        for number, at in enumerate(flat)
+        for k, frame in enumerate(frames)
+    ]
+    told = escape(f"from {Moments.of(motion.problem).words(0.0)} to {Moments.of(motion.problem).words(1.0)}")
+    return f"<br><svg width='{SMALL[0]}' height='{SMALL[1]}' role='img'><title>{told}</title>{''.join(lines)}</svg>"
+
+
+def _line(points: Array, colour: str, share: float) -> str:
+    told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f"<polyline points='{told}' fill='none' stroke='{colour}' stroke-width='2' opacity='{share:.2f}'/>"
