@@ -89,4 +89,22 @@ def schema(kind: str | None) -> int:
     return 0
 
 
-COMMANDS = (preview, new, completion, schema)
+@click.command()
+@click.argument("words", metavar="[WORD]", nargs=-1)
+def explain(words: tuple[str, ...]) -> int:
+    """Explain WORD, as results and messages use it; without one, list what can be explained.
+
+    \b
+    harness-opt explain snap
+    harness-opt explain bend radius
+    """
+    from harness_opt.cli.explain import explained, names
+
+    if not words:
+        say("\n".join(names()))
+        return 0
+    say(explained(" ".join(words)))
+    return 0
+
+
+COMMANDS = (preview, new, explain, completion, schema)

@@ -11,6 +11,8 @@ from harness_opt.files.values import MESH_UNITS
 from harness_opt.model.between import Tree, table, value
 from harness_opt.model.words import KeyPath, Mistake, one_of, shown
 
+NOT_READ = (".stp", ".step", ".igs", ".iges", ".x_t", ".sldprt", ".sldasm", ".ipt", ".catpart", ".prt", ".3mf", ".dae")
+
 
 def mistakes_of_parts(tree: Tree, places: Places) -> Iterator[Mistake]:
     """Yield what is wrong about the shapes of parts.
@@ -43,7 +45,9 @@ def _mesh(path: KeyPath, part: Tree, places: Places) -> Iterator[Mistake]:
     mesh = part["mesh"]
     suffix = Path(mesh).suffix.lower()
     known = (*UNITLESS_MESHES, *MESHES_IN_METRES)
-    if suffix not in known:
+    if suffix in NOT_READ:
+        yield (*path, "mesh"), f"found {shown(mesh)}, a kind of CAD file that is not read: export STL or GLB"
+    elif suffix not in known:
         yield (*path, "mesh"), f"found {shown(mesh)}, expected a file ending in {one_of(known, suffix)}"
     elif suffix in UNITLESS_MESHES and "mesh_unit" not in part:
         words = f"expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"

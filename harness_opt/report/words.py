@@ -151,6 +151,10 @@ def advice(summary: Summary, folder: Path | None) -> list[str]:
         lines.append(f"Next: harness-opt simulate {folder / 'redesigned.toml'}")
     elif summary["status"] == "infeasible":
         lines.append("Next: widen bounds in [design.variables], let more change, or relax a limit in the way.")
+    if summary["snaps"]:
+        lines.append("What a snap is: harness-opt explain snap")
+    if any(row["holds"] == "uncertain" for row in summary["limits"]):
+        lines.append("What uncertain means: harness-opt explain uncertain")
     if "report.html" in summary["files"]:
         lines.append(f"Report: {folder / 'report.html'}")
         if importlib.util.find_spec("pyvista") is not None:
