@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.checks import mistakes_of_parts
+from harness_opt.files.beside import mistakes_of_limits, mistakes_of_parts, with_cables
 from harness_opt.files.places import Places
 from harness_opt.files.quantity_keys import PERCENT, TURNS, Quantity, known, unknown
 from harness_opt.files.read import content_of, parse_problem, problem_from, toml_tables
@@ -45,10 +45,10 @@ class Quantities(Mapping[str, Quantity]):
     """
 
     def __init__(self, tree: Tree, file: Path, folders: Iterable[str | os.PathLike[str]] = ()):
-        self.tree, self.file = tree, file
-        self.places = Places.around(file.parent, folders)
+        self.file, self.places = file, Places.around(file.parent, folders)
+        self.tree = with_cables(tree, self.places, file)[0]  # what is wrong there, the next line says
         problem_from(tree, self.places, file)  # says what is wrong with the file, if anything
-        self._known = known(ProblemTable.model_validate(tree))
+        self._known = known(ProblemTable.model_validate(self.tree))
 
     def __getitem__(self, key: str) -> Quantity:
         """Return the quantity called ``key``.
@@ -113,7 +113,7 @@ class Quantities(Mapping[str, Quantity]):
             _, tree, wrong = structured(self.changed(values))
         except ProblemError as error:
             return list(error.mistakes)
-        wrong += [*mistakes_between(tree), *mistakes_of_parts(tree, self.places)]
+        wrong += [*mistakes_between(tree), *mistakes_of_parts(tree, self.places), *mistakes_of_limits(tree)]
         return [f"{dotted(path)}: {words}" for path, words in wrong]
 
 

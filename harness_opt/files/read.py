@@ -21,7 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
-from harness_opt.files.checks import mistakes_of_parts
+from harness_opt.files.beside import bend_radius, mistakes_of_limits, mistakes_of_parts, with_cables
 from harness_opt.files.places import MEGABYTE, Places, unreadable
 from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
@@ -152,8 +152,11 @@ def problem_from(
         raise ProblemError(
             f"{file}: found a study, expected a problem file; a study is run by: harness-opt study {file}"
         )
+    raw, of_libraries = with_cables(raw, places, places.folder / file.name)
     tables, tree, mistakes = file_schema.structured(raw)
-    mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places)]
+    told = {path for path, _ in of_libraries}
+    mistakes = [*of_libraries, *(mistake for mistake in mistakes if mistake[0] not in told)]
+    mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
     motions, wrong = _motions(tree, places, pending or {})
     mistakes += wrong
     mistakes += _reach(tree, motions)
@@ -168,7 +171,7 @@ def problem_from(
         bodies={name: Body(motions[name]) for name in tables.bodies},
         parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
-        limits=_limits(tables.limits),
+        limits=_limits(tables),
         design=_design(tables.design),
         robust=_robust(tables.robust),
         duration=tables.motion.duration,
@@ -348,11 +351,12 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
     return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
 
 
-def _limits(limits: file_schema.LimitsTable) -> Limits:
+def _limits(tables: file_schema.ProblemTable) -> Limits:
+    limits = tables.limits
     twist = limits.twist_deg_per_m
     return Limits(
         clearance=limits.clearance,
-        bend_radius=limits.bend_radius,
+        bend_radius=bend_radius(limits, tables.cables),
         twist=None if twist is None else math.radians(twist),
         clamp_force=limits.clamp_force,
         clamp_moment=limits.clamp_moment,

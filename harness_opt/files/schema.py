@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationEr
 
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
+    BendFactor,
     Bending,
     Bounds,
     Digest,
@@ -105,6 +106,8 @@ class CableTable(Table):
 
     length: Positive = Field(description="Of the centreline, m.")
     diameter: Positive = Field(description="Outer diameter, m.")
+    from_: Text | None = Field(default=None, alias="from", description="Cable of a library: my_cables.toml#NAME.")
+    bend_radius_factors: dict[str, Positive] = Field(default_factory=dict, description="Bend limits by use, diameters.")
     bending_stiffness: Bending = Field(description="N m2; one number, or [kx, ky] about d1 and d2 of a flat section.")
     torsional_stiffness: Positive = Field(description="kz, about the tangent, N m2.")
     density: NotNegative | None = Field(
@@ -248,6 +251,7 @@ class LimitsTable(Table):
         default=None, description="Between the cable's surface and parts, other cables and itself, m."
     )
     bend_radius: Positive | None = Field(default=None, description="Smallest radius of the centreline, m.")
+    bend_radius_factor: BendFactor | None = Field(default=None, description="The same in diameters, or by use.")
     twist_deg_per_m: Positive | None = Field(default=None, description="Largest twist per length, degrees/m.")
     clamp_force: Positive | None = Field(default=None, description="Largest force at a clamp, N.")
     clamp_moment: Positive | None = Field(default=None, description="Largest moment at a clamp, N m.")

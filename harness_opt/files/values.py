@@ -110,6 +110,10 @@ Quaternion = Annotated[
     AfterValidator(_unit),
 ]
 Bending = Annotated[_Above0 | tuple[_Above0, _Above0], Expected("a number above 0, or [kx, ky], two numbers above 0")]
+BEND_USES = ("fixed", "flexing", "chain")
+BendFactor = Annotated[
+    _Above0 | Literal["fixed", "flexing", "chain"], Expected(f"a number above 0, or {one_of(BEND_USES)}")
+]
 Bounds = Annotated[
     tuple[_Finite, _Finite] | Annotated[str, Field(strict=True)],
     Expected('[lower, upper], two numbers, or text such as "= lead.start.position.x", "= 2 * lead.length + 0.01"'),
