@@ -44,7 +44,9 @@ class Curve:
         return hermite(h, x, p, q, self.tangent[frame, j], self.tangent[frame, j + 1])
 
     def grid(self, s: Array) -> Array:
-        """Return the points (P, M, 3), m, of all frames at arc lengths (M,), m."""
+        """Return the points (P, M, 3), m, of all frames at arc lengths (M,), m; not to be written to."""
+        if np.array_equal(s, self.s):
+            return self.position
         points = np.empty((len(self.position), len(s), 3))
         for some in in_blocks(np.arange(len(points))):
             points[some] = self.at(np.repeat(some, len(s)), np.tile(s, len(some))).reshape(len(some), len(s), 3)

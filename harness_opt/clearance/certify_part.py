@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from harness_opt.clearance.centreline import Curve, in_blocks
 from harness_opt.clearance.certify import Bounds, Cells, Search
 from harness_opt.clearance.moving_centreline import MovingCurve, Poses
-from harness_opt.clearance.to_part import survey
+from harness_opt.clearance.to_part import after_leaving, places, survey
 from harness_opt.clearance.witnesses import Certificate, Task, Witnesses
 from harness_opt.model.bodies import Rates
 from harness_opt.numerics import rotations
@@ -31,9 +31,9 @@ CLAMP_SAMPLES = 65  # of the clamps' ways across an interval in which the shape 
 BENT = 1.1  # most that a clamp's way between two such samples is longer than its chord
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Seen:
-    """A moving centreline, and the body it is seen from.
+    """A moving centreline, and the body it is seen from; the same for all parts of the body.
 
     Args:
         curve: in the world, or in the body's coordinates; then the body stands still.
@@ -47,6 +47,26 @@ class Seen:
     poses: Poses
     rates: Callable[[Array, Array], Rates]
     clamps: tuple[Callable[[Array], Array] | None, Callable[[Array], Array] | None]
+
+    def __post_init__(self) -> None:
+        self._swept: tuple[Array, Array, tuple[Array, Array, Array]] | None = None  # what it was made of, and it
+
+    def swept(self, arcs: Array) -> tuple[Array, Array, Array]:
+        """Return the places at ``arcs`` (M,) in all frames, (P, M, 3), m, and how far what is between is from them.
+
+        That is half the ways from one place to the next (P - 1,), m, and how far it strays from these (P - 1,), m.
+        """
+        curve = self.curve
+        made = self._swept
+        # bounds are found anew with every frame that is added, and where estimates are raised
+        if made is None or made[0] is not curve.acceleration or not np.array_equal(made[1], arcs):
+            y = np.concatenate([self.frames(some).grid(arcs) for some in in_blocks(np.arange(len(curve.times)))])
+            step = np.diff(curve.times)
+            ways = 0.5 * lengths(np.diff(y, axis=0)).max(axis=1)
+            along = np.diff(arcs).max() ** 2 * curve.bend.max(axis=1)
+            strays = 0.125 * (step**2 * self.acceleration().max(axis=1) + along)
+            self._swept = made = curve.acceleration, arcs, (y, ways, strays)
+        return made[2]
 
     def points(self, at: Array, world: Array) -> Array:
         """Return points ``world`` (k, 3), m, in the body's coordinates at motion values (k,)."""
@@ -125,31 +145,30 @@ class PartSearch(Search):
     def first_cells(self) -> tuple[Cells, float]:
         """See :meth:`Search.first_cells`: between stations and frames, by balls round the four corners."""
         curve, arcs = self._curve, self._arcs
-        frames = np.arange(len(curve.times))
-        lower = np.empty((len(frames), len(arcs)))
-        new = np.flatnonzero(~np.isin(curve.times, curve.frames.given))
-        lower[np.setdiff1d(frames, new)] = self._lower
-        if len(new):
+        lower = self._lower
+        if curve.frames.inserted:
+            given = np.isin(curve.times, curve.frames.given)
+            lower = np.empty((len(given), len(arcs)))
+            lower[given] = self._lower
+            new = np.flatnonzero(~given)
             lower[new] = survey(self.task, self._seen.frames(new), self._geometry, arcs, -math.inf)[1]
-        y = np.concatenate([self._seen.frames(some).grid(arcs) for some in in_blocks(frames)])
         # whole intervals first: nothing in one is further from a place that was looked at than half the ways
-        ways = 0.5 * lengths(np.diff(y, axis=0)).max(axis=1) + 0.5 * np.diff(arcs).max()
-        step = np.diff(curve.times)
-        off = 0.125 * (
-            step**2 * self._seen.acceleration().max(axis=1) + np.diff(arcs).max() ** 2 * curve.bend.max(axis=1)
-        )
+        y, ways, off = self._seen.swept(arcs)
+        ways = ways + 0.5 * np.diff(arcs).max()
         all_of = np.minimum(lower[1:], lower[:-1]).min(axis=1) - ways - off - curve.error - curve.deviation.max(axis=1)
         near = ~curve.broken & (all_of < self.floor)
         settled = float(all_of[~curve.broken & ~near].min(initial=math.inf))
+        if not np.any(near):
+            return Cells(np.zeros(0), np.zeros(0), np.zeros((0, 2))), settled
         interval, arc = np.nonzero(near[:, None] & np.ones(len(arcs) - 1, dtype=bool))
         both = np.column_stack([arcs[arc], arcs[arc + 1]])
         cells = Cells(curve.times[interval], curve.times[interval + 1], both)
         corners = [(interval + i, arc + j) for i in (0, 1) for j in (0, 1)]
         middle = np.mean([y[corner] for corner in corners], axis=0)
-        ways = [lengths(y[corner] - middle) for corner in corners]
-        at_middle = np.max([lower[corner] - way for corner, way in zip(corners, ways, strict=True)], axis=0)
+        to_middle = [lengths(y[corner] - middle) for corner in corners]
+        at_middle = np.max([lower[corner] - way for corner, way in zip(corners, to_middle, strict=True)], axis=0)
         off = self._strays(cells) + curve.error + self._doubt(cells)
-        bound = at_middle - np.max(ways, axis=0) - off
+        bound = at_middle - np.max(to_middle, axis=0) - off
         loose = bound < self.floor
         return cells.take(loose), min(settled, float(bound[~loose].min(initial=math.inf)))
 
@@ -214,3 +233,74 @@ class PartSearch(Search):
             self._seen.points(at, self._curve.at(k, at, s)) for at in (cells.first, cells.last) for s in cells.arcs.T
         ]
         return np.stack(corners, axis=1)
+
+
+class HolderSearch(PartSearch):
+    """The search of a cable against what holds its clamp, where the limit to it does not count: is it entered again?
+
+    Between two frames the cable is looked at from where it has left the part in both.
+
+    Args:
+        task: the cable; its limit is the depth that passes for touching.
+        seen: its centreline over the motion, from the part's body.
+        geometry: the part.
+        length: over which the limit to it does not count, m.
+        from_end: whether from the cable's end.
+        start: the smallest clearance, once left, of the frames known so far.
+    """
+
+    def __init__(
+        self, task: Task, seen: Seen, geometry: Geometry, length: float, start: Certificate, *, from_end: bool
+    ):
+        whole = float(seen.curve.s[-1])
+        arcs = places(seen.curve.s, (whole - length, 0.0) if from_end else (0.0, whole - length))
+        super().__init__(task, seen, geometry, arcs, start, np.zeros(0))
+        self._length, self._from_end = length, from_end
+
+    def first_cells(self) -> tuple[Cells, float]:
+        """See :meth:`Search.first_cells`: all arcs between stations, from where the cable has left the part."""
+        curve, arcs = self._curve, self._arcs
+        left = np.concatenate([self._after(some)[1] for some in in_blocks(np.arange(len(curve.times)))])
+        later = np.maximum(left[1:], left[:-1])
+        count = len(arcs) - 1
+        interval = np.repeat(np.flatnonzero(~curve.broken & np.isfinite(later)), count)
+        a, b = (np.tile(ends, len(interval) // count) for ends in (arcs[:-1], arcs[1:]))
+        if self._from_end:
+            b = np.minimum(b, curve.s[-1] - later[interval])
+        else:
+            a = np.maximum(a, later[interval])
+        cells = Cells(curve.times[interval], curve.times[interval + 1], np.column_stack([a, b]))
+        return cells.take(b > a), math.inf
+
+    def survey(self, values: Array) -> tuple[Witnesses, float]:
+        """See :meth:`Search.survey`."""
+        frames = np.flatnonzero(np.isin(self._curve.times, values))
+        found = self._after(frames)[0]
+        if not len(found.frame):
+            return self._best, self._at
+        i = int(np.argmin(found.clearance))
+        return found.take(np.array([i])), float(self._curve.times[frames[found.frame[i]]])
+
+    def _after(self, frames: Indices) -> tuple[Witnesses, Array]:
+        curve = self._seen.frames(frames)
+        return after_leaving(self.task, curve, self._geometry, self._length, from_end=self._from_end)
+
+
+def entered_between(task: Task, seen: Seen, geometry: Geometry, lengths_off: tuple[float, float]) -> list[Certificate]:
+    """Return how near a cable comes to what holds its clamps once it has left it, one for each end that it holds.
+
+    Through the whole motion, over the lengths (m) from start and end where the limit does not count; certain where it
+    is no deeper than the tolerance.
+    """
+    found = []
+    touching = replace(task, limit=-task.tolerance)
+    for length, from_end in zip(lengths_off, (False, True), strict=True):
+        if length <= 0:
+            continue
+        nearest = after_leaving(touching, task.curve, geometry, length, from_end=from_end)[0]
+        if len(nearest.frame):
+            least = nearest.take(np.array([int(np.argmin(nearest.clearance))]))
+            at = float(seen.curve.frames.given[least.frame[0]])
+            start = Certificate(least, at, float(least.clearance[0]), "")
+            found.append(HolderSearch(touching, seen, geometry, length, start, from_end=from_end).certificate())
+    return found

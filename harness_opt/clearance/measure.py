@@ -27,10 +27,10 @@ from numpy.typing import ArrayLike
 from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.certify_cable import CableSearch
 from harness_opt.clearance.certify_limits import certified_limit
-from harness_opt.clearance.certify_part import PartSearch, Seen
+from harness_opt.clearance.certify_part import PartSearch, Seen, entered_between
 from harness_opt.clearance.moving_centreline import MovingCurve
 from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance, pairs_asked
-from harness_opt.clearance.solved_frames import SolvedFrames
+from harness_opt.clearance.solved_frames import SolvedFrames, at_rest
 from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
 from harness_opt.clearance.to_part import against_part, places
 from harness_opt.clearance.what_counts import domains, least_gap, let_off
@@ -40,11 +40,10 @@ from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
 from harness_opt.model.limits import CABLE_KINDS, LimitId, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, LimitResult, Motion, Quantities, cubic_errors
+from harness_opt.model.results import CableMotion, LimitResult, Motion, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
-from harness_opt.parts.geometry import Geometry
 from harness_opt.parts.scene import Scene, load_scene
 
 __all__ = ["Between", "ClearanceResult", "Curve", "Options", "PairClearance", "Witnesses", "measure"]
@@ -93,7 +92,7 @@ def measure(
     missing = _unmeasured(problem, scene, len(pairs))
     if missing or (views is None and problem.moves):
         return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
-    frames = _at_rest(given) if views is None else views.frames
+    frames = at_rest(given) if views is None else views.frames
     rows = tuple(row for task in tasks for row in _cable_limits(given, frames[task.cable], task))
     inserted = {} if views is None else {name: solved.inserted for name, solved in frames.items()}
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
@@ -103,19 +102,6 @@ def _unmeasured(problem: Problem, scene: Scene, done: int) -> tuple[str, ...]:
     """Return a sentence where not all pairs were come to before the run was stopped."""
     left = pairs_asked(problem, scene) - done
     return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
-
-
-def _at_rest(given: Motion) -> dict[str, SolvedFrames]:
-    """Return the first frame of each cable of a scene in which nothing moves."""
-    none = np.zeros(0)
-
-    def solve(cable: str, values: Array) -> tuple[Quantities, tuple[str, ...]]:
-        return given.cables[cable].at_frames(np.zeros(len(values), dtype=np.int64)), ("",) * len(values)
-
-    first = {name: shapes.frames(slice(1)) for name, shapes in given.cables.items()}
-    return {
-        name: SolvedFrames(name, given.motion[:1], one, solve, jumps=none, turns=none) for name, one in first.items()
-    }
 
 
 def _against_parts(
@@ -138,7 +124,11 @@ def _against_parts(
         pair = _pair(given, task, Obstacle(name), found)
         pair = replace(pair, excluded=held, closed=geometry.closed)
         if views is not None and task.limit is not None and found.lower is not None:
-            pair = _certified(pair, motion, _searched(views, task, geometry, pair, found.lower))
+            view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, pair.excluded)
+            search = PartSearch(task, view, geometry, arcs, pair.start, found.lower)
+            pair = _certified(pair, motion, search.certificate())
+            for again in entered_between(task, view, geometry, held):
+                pair = _entered(pair, motion, again, task.tolerance)
         yield _in_world(pair, problem, geometry.body, motion)
 
 
@@ -229,6 +219,7 @@ class _Views:
         turns = np.array([0.5]) if given.problem.out_and_back else np.zeros(0)
         self.frames: dict[str, SolvedFrames] = {}
         self._curves: dict[tuple[str, str], MovingCurve] = {}
+        self.seen = functools.lru_cache(MOST_VIEWS)(self._see)
         for name, shapes in given.cables.items():
             frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
             jumps = 0.5 * (motion[frames - 1] + motion[frames])
@@ -246,8 +237,9 @@ class _Views:
     def forget(self, cable: str) -> None:
         """Let go of how bodies see ``cable``: each view takes several times the memory of the frames."""
         self._curves = {key: curve for key, curve in self._curves.items() if key[0] != cable or key[1] == WORLD}
+        self.seen.cache_clear()
 
-    def seen(self, cable: str, body: str) -> Seen:
+    def _see(self, cable: str, body: str) -> Seen:
         """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
         problem, run = self._problem, self._problem.cables[cable]
         clamps = (self._clamp(run.start, body), self._clamp(run.end, body))
@@ -324,12 +316,6 @@ def _pair(given: Motion, task: Task, obstacle: Obstacle, found: Found) -> PairCl
     )
 
 
-def _searched(views: _Views, task: Task, geometry: Geometry, pair: PairClearance, lower: Array) -> Certificate:
-    """Return what a search of the whole motion finds of a pair of a cable and a part."""
-    view, arcs = views.seen(task.cable, geometry.body), places(task.curve.s, pair.excluded)
-    return PartSearch(task, view, geometry, arcs, pair.start, lower).certificate()
-
-
 def _certified(pair: PairClearance, motion: Array, found: Certificate) -> PairClearance:
     """Return a pair with what was found through the motion."""
     nearest = int(np.argmin(np.abs(motion - found.motion)))
@@ -343,10 +329,21 @@ def _certified(pair: PairClearance, motion: Array, found: Certificate) -> PairCl
     )
 
 
+def _entered(pair: PairClearance, motion: Array, again: Certificate, touching: float) -> PairClearance:
+    """Return a pair with what was found where the cable leaves what holds its clamp: nothing unless it enters again."""
+    depth = float(again.place.clearance[0])
+    if depth < -touching:
+        return pair if pair.worst <= depth else _certified(pair, motion, again)
+    reasons = [reason for reason in (pair.reason, again.reason) if reason]
+    return replace(pair, certified=not reasons, reason="; ".join(dict.fromkeys(reasons)))
+
+
 def _in_world(pair: PairClearance, problem: Problem, body: str, motion: Array) -> PairClearance:
     """Turn witnesses from the coordinates of ``body`` to the world."""
 
     def turned(old: Witnesses, at: Array) -> Witnesses:
+        if body == WORLD:
+            return replace(old, normal=old.normal + 0.0, point=old.point + 0.0)  # zeros without a sign, as below
         position, quaternion = problem.poses(body, at)
         normal, point = rotations.rotate(quaternion, old.normal), position + rotations.rotate(quaternion, old.point)
         return replace(old, normal=normal, point=point)

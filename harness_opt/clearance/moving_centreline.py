@@ -54,6 +54,7 @@ class MovingCurve:
         self.s, self.error = frames.s, frames.error
         # what the estimates are multiplied by, between the frames of the simulation
         self._raised = np.ones(max(len(frames.given) - 1, 1))
+        self._complete: Array | None = None  # the frames that were found to be enough
         self._boxed: tuple[Array, Array, Array] | None = None  # the frames that boxes were made of, and these
         self._take()
 
@@ -105,6 +106,8 @@ class MovingCurve:
 
     def update(self) -> bool:
         """Take up frames that were solved since, and return whether estimates were raised for them."""
+        if self.frames.times is self.times:  # each attempt to solve some makes a new array
+            return False
         new = np.flatnonzero(~np.isin(self.frames.times, self.times))
         if not len(new) and np.array_equal(self.broken, self.frames.broken):
             return False
@@ -148,8 +151,10 @@ class MovingCurve:
 
     def complete(self) -> None:
         """Solve as many frames as a cubic needs on every stretch without a break."""
-        self.frames.complete()
-        self.update()
+        if self._complete is not self.frames.times:
+            self.frames.complete()
+            self.update()
+            self._complete = self.frames.times
 
     def _take(self) -> None:
         """Copy the frames, into the body's coordinates, and find their cubics."""

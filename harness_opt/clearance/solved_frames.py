@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from harness_opt.model.results import CableMotion, Quantities, cubic_errors
+from harness_opt.model.results import CableMotion, Motion, Quantities, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -115,3 +115,16 @@ class SolvedFrames:
             cuts |= {int(k), int(k) + 1}
         edges = sorted(int(cut) for cut in cuts)
         return [(a, b) for a, b in itertools.pairwise(edges) if not (b == a + 1 and broken[a])]
+
+
+def at_rest(given: Motion) -> dict[str, SolvedFrames]:
+    """Return the first frame of each cable of a scene in which nothing moves."""
+    none = np.zeros(0)
+
+    def solve(cable: str, values: Array) -> tuple[Quantities, tuple[str, ...]]:
+        return given.cables[cable].at_frames(np.zeros(len(values), dtype=np.int64)), ("",) * len(values)
+
+    first = {name: shapes.frames(slice(1)) for name, shapes in given.cables.items()}
+    return {
+        name: SolvedFrames(name, given.motion[:1], one, solve, jumps=none, turns=none) for name, one in first.items()
+    }

@@ -54,29 +54,42 @@ def entered_again(task: Task, geometry: Geometry, lengths_off: tuple[float, floa
     """Return where a cable is deepest in a part that holds its clamp, after it has left it once, in each such frame.
 
     Over ``lengths_off`` from start and end, m, the part's limit does not count: the cable may be in it until it first
-    leaves it, and near it after. It is looked at a quarter of its radius apart; what is less deep than the tolerance
-    passes for touching.
+    leaves it, and near it after. What is less deep than the tolerance passes for touching.
     """
-    curve, none = task.curve, np.zeros(0, dtype=np.int64)
-    frames, places = [none], [np.zeros(0)]
-    for length, from_end in zip(lengths_off, (False, True), strict=True):
-        count = math.ceil(4.0 * length / task.radius)
-        if not count:
-            continue
-        way = np.linspace(0.0, length, count + 1)
-        s = curve.s[-1] - way if from_end else way
-        points = curve.grid(s)
-        clearance = geometry.signed_distance(points.reshape(-1, 3))[0].reshape(points.shape[:2]) - task.radius
-        left = np.maximum.accumulate(clearance >= 0.0, axis=1)
-        depth = np.where(left, clearance, np.inf)
-        which = np.flatnonzero(depth.min(axis=1) < -task.tolerance)
-        frames.append(which)
-        places.append(s[np.argmin(depth[which], axis=1)])
-    frame, s = np.concatenate(frames), np.concatenate(places)
-    if not len(frame):
-        return Witnesses(none, s, s, np.zeros((0, 3)), np.zeros((0, 3)), s)
-    distance, normal, point = geometry.signed_distance(curve.at(frame, s))
-    return Witnesses(frame, s, distance - task.radius, normal, point, np.full(len(s), np.nan))
+    sides = [
+        after_leaving(task, task.curve, geometry, length, from_end=from_end)[0]
+        for length, from_end in zip(lengths_off, (False, True), strict=True)
+    ]
+    found = Witnesses.joined(sides)
+    return found.take(found.clearance < -task.tolerance)
+
+
+def after_leaving(
+    task: Task, curve: Curve, geometry: Geometry, length: float, *, from_end: bool
+) -> tuple[Witnesses, Array]:
+    """Return where a cable is nearest to what holds its clamp after it has left it once, in each frame in which it has.
+
+    And at which arc from that end it has left it, m, (P,); infinite where it does not. It is looked at a quarter of its
+    radius apart.
+
+    Args:
+        task: the cable.
+        curve: its centreline in P frames, seen from the part's body.
+        geometry: the part.
+        length: of the stretch that is looked at, m.
+        from_end: whether that begins at the cable's end.
+    """
+    way = np.linspace(0.0, length, math.ceil(4.0 * length / task.radius) + 1)
+    s = curve.s[-1] - way if from_end else way
+    points = curve.grid(s)
+    clearance = geometry.signed_distance(points.reshape(-1, 3))[0].reshape(points.shape[:2]) - task.radius
+    outside = clearance >= 0.0
+    at = np.where(np.any(outside, axis=1), way[np.argmax(outside, axis=1)], np.inf)
+    frame = np.flatnonzero(np.isfinite(at)) if length > 0 else np.zeros(0, dtype=np.int64)
+    nearest = s[np.argmin(np.where(np.maximum.accumulate(outside, axis=1), clearance, np.inf), axis=1)[frame]]
+    distance, normal, point = geometry.signed_distance(curve.at(frame, nearest))
+    none = np.full(len(frame), np.nan)
+    return Witnesses(frame, nearest, distance - task.radius, normal, point, none), at
 
 
 def places(s: Array, excluded: tuple[float, float]) -> Array:
@@ -230,12 +243,17 @@ def _other_sides(samples: Samples, minima: Indices, task: Task) -> Indices:
     """
     seen = samples.all().take(minima)
     seen = seen.take((seen.clearance < task.horizon) & (seen.clearance + task.radius > 0))
+    if not len(seen.frame):
+        return np.zeros(0, dtype=np.int64)
     number, normal = samples.beside(seen, PROBE * task.reach * seen.normal)
     return number[dots(normal, seen.normal) < 1.0 - SAME]
 
 
 def _certify(samples: Samples, arcs: Array, lower: Array, task: Task) -> float:
     """Refine until no arc can hold a clearance ``tolerance`` below the best; return the bound reached, m."""
+    bound = 0.5 * (lower[:, :-1] + lower[:, 1:] - np.diff(arcs))
+    if bound.min() >= samples.best - task.tolerance_at(samples.best):  # as of what is far away
+        return min(float(bound.min()), samples.best)
     frame = np.repeat(np.arange(len(lower)), len(arcs) - 1)
     a, b = (np.tile(ends, len(lower)) for ends in (arcs[:-1], arcs[1:]))
     at_a, at_b = lower[:, :-1].ravel(), lower[:, 1:].ravel()

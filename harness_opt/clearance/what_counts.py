@@ -45,7 +45,9 @@ def holds(problem: Problem, end: End, radius: float, geometry: Geometry) -> bool
     if end.holders is not None:
         return geometry.name in end.holders
     point = np.asarray(end.position, dtype=float)[None]
-    return bool(geometry.lower_bound(point)[0] < radius and geometry.signed_distance(point)[0][0] < radius)
+    if np.any((point < geometry.lower - radius) | (point > geometry.upper + radius)):  # as of most parts
+        return False
+    return bool(geometry.signed_distance(point)[0][0] < radius)
 
 
 def let_off(problem: Problem, task: Task, geometry: Geometry) -> tuple[float, float]:

@@ -106,11 +106,14 @@ def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     harness-opt check problems/lift_arm/lift_arm.toml
     """
     from harness_opt.files.read import read_problem
+    from harness_opt.model.reach import too_short
     from harness_opt.parts.scene import load_scene
     from harness_opt.report.description import description, facts
 
     problem = read_problem(file, folders)
     with naming(file):
+        if short := too_short(problem, problem.cables):
+            raise ProblemError(short.values())
         content = facts(problem, load_scene(problem))
     if not as_json:
         say(description(problem, content))

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from harness_opt.errors import ProblemError
-from harness_opt.report.text_table import WIDTH
+from harness_opt.report.words import WIDTH
 
 GLOSSARY = "glossary.md"  # beside this file, where it is installed; in docs/explain, where it is written
 LINK = re.compile(r"\[([^]]*)\]\(([^)]*)\)")

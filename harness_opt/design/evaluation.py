@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.design.margins import Rows, linearised
+from harness_opt.design.margins import Rows, linearised, reach_rows
+from harness_opt.design.sides import past_sides
 from harness_opt.errors import ProblemError, Status
 from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
+from harness_opt.model.reach import shortest
 from harness_opt.model.results import Motion
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.path import place_frames
@@ -26,6 +31,7 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
 from harness_opt.statics.solve import Solved
 
+SPARE = 0.01  # of the distance of its clamps, by which a cable is longer than that: a straight one has no room to bend
 GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it
 HELD = 0.5 * GUARD  # a violation of what is asked for that leaves the limit itself held
 SNAP_COST = 1.0  # of a snap, in scales of a limit: snaps are not for designing with
@@ -63,6 +69,18 @@ class Evaluated:
             for index, f, dx in zip(self.indices, frames, moved, strict=True)
         }
 
+    @functools.cached_property
+    def shortfalls(self) -> dict[LimitId, float]:
+        """By how much each limit is missed, over its scale, as it is reported; below 0 where it holds."""
+        problem = self.motion.problem
+        rows = all_limits(problem, self.motion, self.clearances)
+        return {row.id: -row.margin / row.scale(problem.cables[row.cable].cable.radius) for row in rows}
+
+    @property
+    def violation(self) -> float:
+        """The largest shortfall, 0 where all limits hold, and what snaps cost on top."""
+        return max(0.0, *self.shortfalls.values()) + SNAP_COST * len(self.motion.snaps)
+
     @property
     def worst(self) -> int:
         """The row with the smallest margin."""
@@ -84,8 +102,38 @@ class Evaluator:
         self.frames = place_frames(problem)
         # asked for beyond each limit, in its scale; verifications add to it
         self.asked: defaultdict[LimitId, float] = defaultdict(lambda: GUARD)
-        self.count = 0  # designs simulated
+        self.spare = {name: self._spare(name) for name in problem.cables}
+        self._count = [0]  # shared by all that report for this one
+        self._as_reported = False
         self.cold = False  # whether every design starts from nothing, as its file will: where one shape leads elsewhere
+
+    @property
+    def count(self) -> int:
+        """How many designs were simulated."""
+        return self._count[0]
+
+    def _spare(self, cable: str) -> float:
+        """Return how much longer than its clamps are apart a cable has to be, as a share: as was drawn or a little."""
+        distance, drawn = shortest(self.problem, cable)[0], self.problem.cables[cable].cable.length
+        slack = drawn / distance - 1.0 if distance else SPARE
+        return min(SPARE, 0.5 * slack) if slack > 0.0 else SPARE
+
+    def of(self, problem: Problem) -> Evaluator:
+        """Return an evaluator that asks the same of another ``problem``, with the same parts, clamps and variables."""
+        other = copy.copy(self)
+        other.problem = problem
+        return other
+
+    def reporting(self, allowed: Mapping[LimitId, float]) -> Evaluator:
+        """Return an evaluator of the same problem that takes every shortfall as it is reported, and asks no more.
+
+        Args:
+            allowed: shortfalls, by limit, that just count as held.
+        """
+        other = copy.copy(self)
+        other.asked = defaultdict(float, {limit: HELD - short for limit, short in allowed.items() if short > 0.0})
+        other._as_reported = True
+        return other
 
     def __call__(
         self, values: Array, near: Evaluated | None, *, stride: int = 1, quick: bool = False
@@ -101,7 +149,7 @@ class Evaluator:
         Raises:
             KeyboardInterrupt: raised by ``progress``.
         """
-        self.count += 1
+        self._count[0] += 1
         indices = sorted({*range(0, len(self.frames), stride), len(self.frames) - 1})
         motion_values = self.frames[indices]
         try:
@@ -123,10 +171,17 @@ class Evaluator:
             return None
         motion = collect(changed, motion_values, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
         clearances = measure(changed, self.scene, motion_values, motion.cables)
-        rates = {}
+        rates, reach = {}, []
         if not quick:
             for name, swept in sweeps.items():
                 clamps = design_variables.clamp_rates(self.problem, name, values, motion_values)
+                reach.append(reach_rows(changed, name, motion_values, clamps, self.spare[name]))
                 rates[name] = shape_rates(swept, clamps, motion.cables[name].s / swept.units.length, exact=False)
-        rows = linearised(changed, motion, clearances, rates, self.asked, len(values))
+        if self._as_reported:
+            given = linearised(changed, motion, clearances, rates, defaultdict(float), len(values))
+            rows = given.as_reported(self.asked)
+        else:
+            seen = past_sides(changed, self.scene, motion.cables, clearances)
+            rows = linearised(changed, motion, seen, rates, self.asked, len(values))
+        rows = Rows.joined([rows, *reach])
         return Evaluated(values, indices, sweeps, motion, clearances, rates, rows)

@@ -7,6 +7,7 @@ cable's point; bend radius, twist and clamp loads at the worst stations of every
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,8 +18,10 @@ from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.clearance.witnesses import Witnesses
+from harness_opt.model.design_variables import ClampRates
 from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.model.problem import Problem
+from harness_opt.model.reach import clamp_way
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.shape_rates import ShapeRates
 from harness_opt.numerics import rotations
@@ -41,6 +44,17 @@ class Rows:
     limit: tuple[LimitId | None, ...]
     frame: Indices
     scale: Array
+
+    def as_reported(self, asked: Mapping[LimitId, float]) -> Rows:
+        """Return the rows with ``asked`` beyond each limit, and what violates a bend radius as a share of that radius.
+
+        A margin of 1 - limit / radius is one of curvatures, and that of the radius (radius - limit) / limit.
+        """
+        bends = [limit is not None and limit.kind is LimitKind.BEND_RADIUS for limit in self.limit]
+        over = 1.0 - np.where(bends, np.minimum(self.margin, 0.0), 0.0)
+        more = np.array([0.0 if limit is None else asked[limit] for limit in self.limit])
+        margin = np.where(over > 1.0, self.margin / over, self.margin) - more
+        return dataclasses.replace(self, margin=margin, rate=self.rate / over[:, None] ** 2)
 
     @staticmethod
     def joined(several: Sequence[Rows]) -> Rows:
@@ -81,6 +95,27 @@ def linearised(
     if not rows:  # every pair was left out: nothing can be near its limit
         return Rows(np.ones(1), np.zeros((1, variables)), (None,), np.zeros(1, dtype=int), np.ones(1))
     return Rows.joined(rows)
+
+
+def reach_rows(problem: Problem, cable: str, motion: Array, clamps: ClampRates, spare: float) -> Rows:
+    """Return by how much ``cable`` is longer than its clamps are apart, as a share of its length, in each frame.
+
+    Args:
+        problem: the design.
+        cable: name; without a row where an end of it is free.
+        motion: (P,), of the frames.
+        clamps: how the clamps move with the variables.
+        spare: more than that distance, as a share of it, that is asked for.
+    """
+    way, length = clamp_way(problem, cable, motion), problem.cables[cable].cable.length
+    if way is None:
+        return Rows(np.zeros(0), np.zeros((0, len(clamps.length))), (), np.zeros(0, dtype=int), np.zeros(0))
+    distance = np.linalg.norm(way, axis=1)
+    apart = np.einsum("pc,pck->pk", way / np.maximum(distance, TINY)[:, None], clamps.end - clamps.start)
+    margin = 1.0 - (1.0 + spare) * distance / length
+    rate = (clamps.length * (distance / length)[:, None] - apart) * (1.0 + spare) / length
+    count = len(margin)
+    return Rows(margin, rate, (None,) * count, np.arange(count), np.full(count, length))
 
 
 def _clearance_rows(

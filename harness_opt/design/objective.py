@@ -19,11 +19,12 @@ from harness_opt.design.margins import Rows
 from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
-from harness_opt.numerics.quadratic_program import Program
+from harness_opt.numerics.quadratic_program import PENALTY, Program
 from harness_opt.numerics.rotations import Array
 
 Limits = tuple[LimitId | None, ...]
 
+CLOSE = 0.01  # of an objective: a design that is better by less is not worth a descent
 ROWS = 400  # most linearised limits in a quadratic program, the tightest first
 
 
@@ -56,7 +57,7 @@ class Objective:
         floor: the least that their shortfall counts for: 0 is content where they hold, -inf asks for margin.
         snaps: whether snaps are allowed.
         aim: in words.
-        beyond: a bound that may be passed at the cost of the excess in ranges; None is none.
+        beyond: bounds that may be passed at the cost of the excess in ranges.
     """
 
     weights: Array
@@ -68,24 +69,24 @@ class Objective:
     soft: frozenset[LimitId] | None = frozenset()
     floor: float = 0.0
     snaps: bool = False
-    beyond: Beyond | None = None
+    beyond: tuple[Beyond, ...] = ()
     aim: str = "least change"
 
     def limits(self) -> tuple[Array, Array]:
         """Return the bounds (k,) that no step passes: one that may be passed is further out."""
         lower, upper = self.lower.copy(), self.upper.copy()
-        if self.beyond is not None:
-            out = self.beyond.side * self.beyond.reach
-            (upper if out > 0 else lower)[self.beyond.number] += out
+        for bound in self.beyond:
+            (upper if bound.side > 0 else lower)[bound.number] += bound.side * bound.reach
         return lower, upper
 
     def excess(self, values: Array) -> float:
-        """Return by how much ``values`` (k,) pass the bound that may be passed, in ranges; below 0 inside."""
-        if self.beyond is None:
-            return -np.inf
-        number, side = self.beyond.number, self.beyond.side
-        bound = self.upper[number] if side > 0 else self.lower[number]
-        return float(side * (values[number] - bound) / self.range[number])
+        """Return by how much ``values`` (k,) pass the bounds that may be passed, in ranges; below 0 inside."""
+        return max((self._past(bound, values) for bound in self.beyond), default=-np.inf)
+
+    def _past(self, bound: Beyond, values: Array) -> float:
+        number, side = bound.number, bound.side
+        edge = self.upper[number] if side > 0 else self.lower[number]
+        return float(side * (values[number] - edge) / self.range[number])
 
     def preference(self, values: Array) -> float:
         """Return the part of the objective that ``values`` (k,) alone decide."""
@@ -93,24 +94,42 @@ class Objective:
         return 0.5 * float(self.weights @ change**2) + float(self.gradient @ ((values - self.lower) / self.range))
 
     def _is_soft(self, rows: Rows) -> NDArray[np.bool_]:
-        if self.soft is None:
-            return np.ones(len(rows.limit), dtype=bool)
-        return np.array([limit in self.soft for limit in rows.limit], dtype=bool)
+        is_soft = (limit is not None and (self.soft is None or limit in self.soft) for limit in rows.limit)
+        return np.fromiter(is_soft, dtype=bool, count=len(rows.limit))
 
-    def value(self, trial: Evaluated) -> float:
-        """Return the objective of ``trial``, of order one."""
-        smooth = self.preference(trial.values)
+    def value(self, trial: Evaluated, values: Array | None = None) -> float:
+        """Return the objective of ``trial``, of order one; to first order of ``values`` (k,) near it, where given."""
+        at, margin = _near(trial, values)
+        smooth = self.preference(at)
         soft = self._is_soft(trial.rows)
-        if not np.any(soft) and self.beyond is None:
+        if not np.any(soft) and not self.beyond:
             return smooth
-        shortfall = max(float(np.max(-trial.rows.margin[soft], initial=-np.inf)), self.excess(trial.values))
+        shortfall = max(float(np.max(-margin[soft], initial=-np.inf)), self.excess(at))
         return smooth + max(shortfall, self.floor)
 
-    def violation(self, trial: Evaluated) -> float:
-        """Return by how much, in scales of a limit, the worst hard limit misses what is asked for; snaps on top."""
+    def violation(self, trial: Evaluated, values: Array | None = None) -> float:
+        """Return by how much, in scales of a limit, the worst hard limit misses what is asked for; snaps on top.
+
+        To first order of ``values`` (k,) near ``trial``, where given.
+        """
         hard = ~self._is_soft(trial.rows)
-        worst = float(np.max(-trial.rows.margin[hard], initial=0.0))
+        worst = float(np.max(-_near(trial, values)[1][hard], initial=0.0))
         return worst + (0.0 if self.snaps else SNAP_COST * len(trial.motion.snaps))
+
+    def merit(self, trial: Evaluated, values: Array | None = None) -> float:
+        """Return what is the less the better: the objective, and far more than that the violation."""
+        return self.value(trial, values) + PENALTY * self.violation(trial, values)
+
+    def could_beat(self, best: Evaluated, values: Array) -> bool:
+        """Return whether the part of the objective that ``values`` (k,) alone decide leaves room below ``best``."""
+        return bool(np.any(self._is_soft(best.rows))) or self.preference(values) < (1.0 - CLOSE) * self.value(best)
+
+    def box_below(self, best: Evaluated) -> tuple[Array, Array]:
+        """Return the corners (k,), (k,) of a box within the bounds with every design in it that changes less."""
+        most = np.full(len(self.range), np.inf)
+        changing = (self.weights > 0.0) & (not np.any(self.gradient)) & (not np.any(self._is_soft(best.rows)))
+        most[changing] = np.sqrt(2.0 * self.value(best) / self.weights[changing]) * self.range[changing]
+        return np.maximum(self.lower, self.centre - most), np.minimum(self.upper, self.centre + most)
 
     def held(self, trial: Evaluated) -> bool:
         """Return whether the hard limits hold."""
@@ -138,10 +157,9 @@ class Objective:
         tightest = np.argsort(rows.margin, kind="stable")[:ROWS]
         margin, rate, soft = rows.margin[tightest], rows.rate[tightest] * self.range, self._is_soft(rows)[tightest]
         limits = tuple(rows.limit[i] for i in tightest)
-        if self.beyond is not None:
-            number, side = self.beyond.number, self.beyond.side
-            margin = np.append(margin, -self.excess(trial.values))
-            rate = np.vstack([rate, -side * np.eye(len(self.range))[number]])
+        for bound in self.beyond:
+            margin = np.append(margin, -self._past(bound, trial.values))
+            rate = np.vstack([rate, -bound.side * np.eye(len(self.range))[bound.number]])
             soft, limits = np.append(soft, True), (*limits, None)
         lower, upper = self.limits()
         lowest = np.maximum((lower - trial.values) / self.range, -trust)
@@ -158,23 +176,30 @@ class Objective:
             gradient=none,
             soft=None,
             floor=0.0,
-            beyond=None,
+            beyond=(),
             aim="least violation",
         )
 
-    def relaxing(self, limits: frozenset[LimitId] = frozenset(), bound: Beyond | None = None) -> Objective:
-        """Return the objective of passing ``limits``, or a bound, as little as can be; all others hold."""
+    def relaxing(self, limits: frozenset[LimitId] = frozenset(), bounds: tuple[Beyond, ...] = ()) -> Objective:
+        """Return the objective of passing ``limits`` and ``bounds`` as little as can be; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
-            self, weights=none, gradient=none, soft=limits, floor=0.0, beyond=bound, aim="least relaxation"
+            self, weights=none, gradient=none, soft=limits, floor=0.0, beyond=bounds, aim="least relaxation"
         )
 
     def margin(self, limits: frozenset[LimitId] | None) -> Objective:
         """Return the objective of the largest worst margin of ``limits``, None for all; all others hold."""
         none = np.zeros_like(self.weights)
         return dataclasses.replace(
-            self, weights=none, gradient=none, soft=limits, floor=-np.inf, beyond=None, aim="largest margin"
+            self, weights=none, gradient=none, soft=limits, floor=-np.inf, beyond=(), aim="largest margin"
         )
+
+
+def _near(trial: Evaluated, values: Array | None) -> tuple[Array, Array]:
+    """Return ``values`` (k,), None for those of ``trial``, and to first order the margins (m,) there."""
+    if values is None:
+        return trial.values, trial.rows.margin
+    return values, trial.rows.margin + trial.rows.rate @ (values - trial.values)
 
 
 def objective_of(problem: Problem) -> Objective:

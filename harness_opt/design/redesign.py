@@ -1,32 +1,48 @@
-"""Redesign, within tolerances where the problem states them: the outer loop, asked for what tolerances take away.
+"""The outer loop: change length and clamp poses as little as possible until every limit holds over the whole motion.
 
-The first round holds the limits for the nominal design. At its end margins are linearised in the tolerances; what they
-take from each limit is asked for in the next round, until a design holds with what its own tolerances take.
+The search is :mod:`harness_opt.design.sqp`, over several starts :mod:`harness_opt.design.search`, which verifies its
+end on twice the frames and twice the elements. Where a problem states tolerances, the first round holds the limits for
+the nominal design. At its end margins are linearised in the tolerances; what they take from each limit is asked for in
+the next round, until a design holds with what its own tolerances take.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from harness_opt.design import nominal
-from harness_opt.design.evaluation import GUARD
-from harness_opt.design.nominal import Watch
-from harness_opt.design.result import Earlier, Redesign
+import numpy as np
+
+from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
+from harness_opt.design.explanations import Price, WaysOut, prices, ways_out
+from harness_opt.design.objective import Objective, objective_of
+from harness_opt.design.result import AtBound, Earlier, Redesign, VariableResult
 from harness_opt.design.robustness import Robustness, Within, within
+from harness_opt.design.search import otherwise_bowed, verified
+from harness_opt.design.sqp import Step, stationary
+from harness_opt.design.starts import beginning
+from harness_opt.design.trade_off import TradeOff, check_pair, trade_off
+from harness_opt.design.verification import Verified
 from harness_opt.errors import ProblemError, SolveError, Status
+from harness_opt.model import design_variables
 from harness_opt.model.design import Robust
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem, given_problem
+from harness_opt.model.results import LimitResult, Motion
 from harness_opt.motion.follower import Progress
-from harness_opt.numerics.threads import one_at_a_time
+from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.threads import one_at_a_time, one_thread
 from harness_opt.parts.scene import Scene, load_scene
 
 ROUNDS = 5  # allowances change little with the design, so two or three do
 SPARE = 0.05  # of an allowance, asked for on top: what the next design's own allowances may be more
 WASTE = 0.15  # of an allowance: more than that on top of what a design needs is asked for less in another round
 NEAR = 4.0 * GUARD  # a margin that near to what it is asked for stands in the way
+AT_BOUND = 1e-6  # of a variable's range: this near to a bound it stands at it
 
 
 @one_at_a_time
@@ -55,12 +71,13 @@ def redesign(
         throw: raise where no shape can be found, or return the failed result.
 
     Raises:
-        ProblemError: no variables or no limits; a mesh that cannot be used; tolerances that no problem can have.
-        SolveError: the original design cannot be simulated, not even moved inside its bounds.
+        ProblemError: no variables or no limits; a mesh that cannot be used; a cable too short within all bounds;
+            tolerances that no problem can have.
+        SolveError: no design that was looked at within the bounds can be simulated.
     """
     robust = given_problem(problem).robust
     if robust is None:
-        return nominal.nominal_redesign(
+        return nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, throw=throw
         )
     if pareto is not None:
@@ -70,7 +87,7 @@ def redesign(
     asked: Mapping[LimitId, float] = {}
     rounds: list[_Round] = []
     while len(rounds) < ROUNDS:
-        found = nominal.nominal_redesign(
+        found = nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=None if rounds else earlier, asked=asked,
             throw=throw,
         )  # fmt: skip
@@ -121,3 +138,190 @@ def _within(problem: Problem, scene: Scene, robust: Robust) -> Within | None:
         return within(problem, scene, robust)
     except SolveError:
         return None
+
+
+Watch = Callable[[Step], None]
+
+
+def check_design(problem: Problem) -> None:
+    """Raise ProblemError where ``problem`` has nothing to redesign or nothing to hold."""
+    mistakes = []
+    if not problem.design.variables:
+        some = ", ".join(design_variables.names(problem)[:3])
+        mistakes.append(f"design.variables: found none, expected at least one, such as {some}")
+    limits = dataclasses.asdict(problem.limits).values()
+    if all(limit is None for limit in limits) and all(part.clearance is None for part in problem.parts.values()):
+        mistakes.append("limits: found none, expected at least one limit for the redesign to hold")
+    if mistakes:
+        raise ProblemError(mistakes)
+
+
+def _active(trial: Evaluated, problem: Problem, objective: Objective) -> tuple[LimitId | AtBound, ...]:
+    """Return what holds the design where it is: limits near their bound, and variables at theirs."""
+    rows = zip(trial.rows.limit, trial.rows.margin, strict=True)
+    near = dict.fromkeys(limit for limit, margin in rows if limit is not None and margin < 2.0 * GUARD)
+    at_bound = [
+        AtBound(v.name, side)
+        for v, value, width in zip(problem.design.variables, trial.values, objective.range, strict=True)
+        for side, bound in (("lower", v.lower), ("upper", v.upper))
+        if abs(value - bound) < AT_BOUND * width
+    ]
+    return (*near, *at_bound)
+
+
+class _Log:
+    """The history of a redesign, and the best design met so far."""
+
+    def __init__(self, first: Evaluated | None, earlier: Earlier | None, watch: Watch | None):
+        self.history: list[Step] = [] if earlier is None else list(earlier.history)
+        self.best = first
+        self._watch = watch
+
+    def __call__(self, step: Step, best: Evaluated) -> None:
+        self.history.append(step)
+        self.best = best
+        if self._watch:
+            self._watch(step)
+
+
+@one_thread
+def nominal_redesign(
+    problem: Problem,
+    *,
+    solver: str = "gauss-newton",
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+    earlier: Earlier | None = None,
+    pareto: tuple[str, str] | None = None,
+    asked: Mapping[LimitId, float] | None = None,
+    throw: bool = True,
+) -> Redesign:
+    """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
+
+    Args:
+        problem: with design variables and limits.
+        solver: name, as in :func:`harness_opt.equilibrium`.
+        progress: called with every frame, as in :func:`harness_opt.simulate`.
+        watch: called with every iteration.
+        pareto: two quantities whose trade-off curve is wanted too, as in
+            :func:`harness_opt.design.trade_off.quantities`.
+        earlier: a redesign of the same problem that was interrupted, to go on from.
+        asked: margins to hold, by limit, as a share of it: what tolerances take from it; none where left out.
+        throw: raise where no shape can be found, or return the failed result.
+
+    Raises:
+        ProblemError: no variables or no limits; a mesh that cannot be used; a cable too short within all bounds.
+        SolveError: no design that was looked at within the bounds can be simulated.
+    """
+    check_design(problem)
+    if pareto is not None:
+        check_pair(problem, pareto)
+    begin = time.perf_counter()
+    scene = load_scene(problem)
+    loaded = time.perf_counter()
+    evaluate, objective = Evaluator(problem, scene, solver, progress), objective_of(problem)
+    for limit, margin in (asked or {}).items():
+        evaluate.asked[limit] += margin
+    begun = beginning(evaluate, objective, _begin(problem, objective, earlier))
+    first = begun.first
+    status, message = Status.OK, ""
+    log = _Log(first, earlier, watch)
+    curve: TradeOff | None = None
+    told: tuple[WaysOut, tuple[Price, ...]] = (WaysOut(), ())
+    if first is None:
+        status = Status.STEP_TOO_SMALL if begun.motion.ok else begun.motion.status
+        message = begun.motion.message or f"none of {evaluate.count} designs within the bounds can be simulated"
+        nothing = ClearanceResult(begun.motion.motion, ())
+        ends = _Ends(design_variables.values(problem), begun.motion, nothing, begun.limits or (), (), False)
+    else:
+        try:
+            found = verified(evaluate, objective, first, log)
+            if found.motion.ok and not found.holds(snaps=objective.snaps):
+                evaluate, found = otherwise_bowed(evaluate, objective, found, log)
+            ends = _ends_of(found, problem, objective)
+            status, message = found.motion.status, found.motion.message
+            if status.ok:
+                told = _reasons(evaluate, objective, found, log)
+            if status.ok and pareto is not None:
+                curve = trade_off(evaluate, _named(problem, ends.values), pareto, log)
+        except KeyboardInterrupt:  # raised by ``progress``: the best design met is kept, verified or not
+            status = Status.INTERRUPTED
+            message = status.value
+            ends = _unverified(log.best or first, problem, objective)
+    variables = {
+        v.name: VariableResult(float(b), float(a), v.lower, v.upper)
+        for v, b, a in zip(problem.design.variables, design_variables.values(problem), ends.values, strict=True)
+    }
+    result = Redesign(
+        problem=ends.motion.problem,
+        original=problem,
+        motion=ends.motion,
+        clearances=ends.clearances,
+        limits=ends.rows,
+        limits_before=begun.limits,
+        motion_before=begun.motion,
+        variables=variables,
+        iterations=len(log.history),
+        history=tuple(log.history),
+        active=ends.active,
+        looked_at=evaluate.count,
+        moved=design_variables.moved(problem),
+        short=begun.short,
+        optimal=ends.optimal,
+        relaxations=told[0].alone,
+        relaxations_together=told[0].together,
+        prices=told[1],
+        feasible=status.ok and ends.holds,
+        status=status,
+        message=message,
+        timing={"load": loaded - begin, "solve": time.perf_counter() - loaded},
+        trade_off=curve,
+    )
+    if throw and not status.ok:
+        raise SolveError(message, status, result)
+    return result
+
+
+def _begin(problem: Problem, objective: Objective, earlier: Earlier | None) -> Array:
+    """Return the values (k,) of the first design."""
+    if earlier is None:
+        return objective.centre
+    return np.clip([earlier.values[v.name] for v in problem.design.variables], objective.lower, objective.upper)
+
+
+def _named(problem: Problem, values: Array) -> dict[str, float]:
+    return dict(zip((v.name for v in problem.design.variables), values.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """Where a redesign ends: values (k,), their motion and its limits, what holds them, and whether all is well."""
+
+    values: Array
+    motion: Motion
+    clearances: ClearanceResult
+    rows: tuple[LimitResult, ...]
+    active: tuple[LimitId | AtBound, ...]
+    holds: bool
+    optimal: bool = False
+
+
+def _ends_of(found: Verified, problem: Problem, objective: Objective) -> _Ends:
+    holds = found.holds(snaps=objective.snaps)
+    active = _active(found.unrounded, problem, objective)
+    optimal = holds and stationary(objective, found.unrounded)
+    return _Ends(found.trial.values, found.motion, found.clearances, found.rows, active, holds, optimal)
+
+
+def _unverified(best: Evaluated, problem: Problem, objective: Objective) -> _Ends:
+    rows = all_limits(best.motion.problem, best.motion, best.clearances)
+    return _Ends(best.values, best.motion, best.clearances, rows, _active(best, problem, objective), False)
+
+
+def _reasons(
+    evaluate: Evaluator, objective: Objective, found: Verified, log: _Log
+) -> tuple[WaysOut, tuple[Price, ...]]:
+    """Return what would have to give where a limit is violated, and what limits and bounds cost where none is."""
+    if found.holds(snaps=objective.snaps):
+        return WaysOut(), prices(evaluate.problem, objective, found.unrounded)
+    return ways_out(evaluate, objective, found.unrounded, log), ()

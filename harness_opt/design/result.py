@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.design.prices import Price
-from harness_opt.design.relaxations import Relaxation
+from harness_opt.design.explanations import Price, Relaxation
 from harness_opt.design.robustness import Robustness
 from harness_opt.design.sqp import Step
 from harness_opt.design.trade_off import TradeOff
@@ -49,14 +48,18 @@ class Redesign:
         motion: of the redesigned problem, on twice the frames and twice the elements.
         clearances: of that motion.
         limits: rows of that motion; all margins are >= 0 where ``ok``.
-        limits_before: rows of the original design.
+        limits_before: rows of the original design; None where no shape joins its clamps.
         motion_before: of the original design.
         variables: before and after, by name.
         iterations: quadratic programs solved.
+        looked_at: designs simulated.
         history: of the iterations.
         active: what holds the design where it is: limits, and variables at a bound.
+        short: by how much cables were drawn too short for their clamps, m, by name.
+        optimal: whether all limits hold and no small change promises a better design: the conditions of first order.
         moved: what did not stand where the design may begin, by name: where it stood, and where it was moved to first.
         relaxations: where no design holds all limits, what giving way in one of them or in one bound would do.
+        relaxations_together: what giving way in two would do, where none alone does.
         prices: where all hold, what those cost that hold the design where it is.
         feasible: whether all limits hold.
         status: OK, or why a design could not be simulated.
@@ -71,7 +74,7 @@ class Redesign:
     motion: Motion
     clearances: ClearanceResult
     limits: tuple[LimitResult, ...]
-    limits_before: tuple[LimitResult, ...]
+    limits_before: tuple[LimitResult, ...] | None
     motion_before: Motion
     variables: Mapping[str, VariableResult]
     iterations: int
@@ -81,6 +84,10 @@ class Redesign:
     relaxations: tuple[Relaxation, ...]
     prices: tuple[Price, ...]
     feasible: bool
+    looked_at: int = 0
+    short: Mapping[str, float] = field(default_factory=dict)
+    optimal: bool = False
+    relaxations_together: tuple[tuple[Relaxation, Relaxation], ...] = ()
     status: Status = Status.OK
     message: str = ""
     timing: Mapping[str, float] = field(default_factory=dict)
@@ -96,6 +103,13 @@ class Redesign:
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the verdict, the limits, a small picture."""
         return notebook_html(self)
+
+    @property
+    def violation(self) -> float:
+        """The largest shortfall of a limit over its scale; 0 where all hold."""
+        cables = self.problem.cables
+        shares = (-row.margin / row.scale(cables[row.cable].cable.radius) for row in self.limits)
+        return max(0.0, *shares)
 
     @property
     def ok(self) -> bool:

@@ -1,143 +1,123 @@
-"""The search for the best design over the bounds, and its verification on twice the frames and twice the elements.
+"""The search for the best design over the bounds, and its verification.
 
-A search that ends with a limit violated is followed by one for the least violation, from where it ended and from other
-designs within the bounds. What a verification shows to be short is asked for in addition, and the search goes on.
+A descent from the drawn design comes first; then a look at many designs, and descents from the best of them. What a
+verification shows to be short is asked for in addition, and the search goes on.
+
+Where no design holds every limit, the search ends at the least violation: the largest shortfall of a limit over its
+scale, as it is reported. First that of the worst limits is made as small as can be, then that of the others; then, with
+every shortfall kept at what it came to, the design goes as near to the drawn one as that allows, so that what has
+nothing to do with the violation stays as drawn.
 """
 
 from __future__ import annotations
 
-import math
-import time
-from dataclasses import dataclass
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from harness_opt.clearance.limits import all_hold, all_limits
-from harness_opt.clearance.measure import measure
-from harness_opt.clearance.pairs import Between, ClearanceResult
-from harness_opt.design.evaluation import GUARD, Evaluated, Evaluator
+from harness_opt.design.evaluation import HELD, Evaluated, Evaluator
 from harness_opt.design.objective import Objective
-from harness_opt.design.sqp import Note, descend
-from harness_opt.model import design_variables
+from harness_opt.design.sqp import Note, descend, stationary
+from harness_opt.design.starts import coarse_stride, looks, promising
+from harness_opt.design.verification import Verified, ask_for_more, rounded, strays, verify
+from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import LimitResult, Motion
-from harness_opt.motion.between_frames import BetweenFrames
-from harness_opt.motion.simulate import collect
-from harness_opt.motion.sweep import followed, sweep
+from harness_opt.model.reach import clamp_way
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
 SEARCH_STRIDE = 2  # of the frames that the search solves
-LOOK_STRIDE = 4  # of those that a look at a far design solves
 VERIFICATIONS = 4
-STARTS = 3  # other designs looked at where the first start stalls, and as many for each variable
-RESTARTS = 3  # of which the best are iterated from
-EXTRA = 1.5  # of what a verification found short: asked for in addition
-ELSEWHERE = 1e-3  # lengths of the cable: shapes this far apart at one pose are two shapes
-
-
-@dataclass(frozen=True)
-class Verified:
-    """A design simulated anew, from a cold start, on twice the frames and twice the elements.
-
-    Args:
-        trial: what the search saw of it.
-        motion: of the problem as it would be written.
-        clearances: of the whole motion, between the frames too.
-        rows: of all limits.
-    """
-
-    trial: Evaluated
-    motion: Motion
-    clearances: ClearanceResult
-    rows: tuple[LimitResult, ...]
-
-    def holds(self, *, snaps: bool = False) -> bool:
-        """Return whether every limit is certain to hold; ``snaps`` allows them."""
-        return self.motion.ok and all_hold(self.rows) == "yes" and (snaps or not self.motion.snaps)
-
-
-def spread(count: int, dimensions: int) -> Array:
-    """Return ``count`` points (count, dimensions) that fill the unit cube evenly, the same at every call.
-
-    The additive recurrence whose steps are powers of the root of x^(d + 1) = x + 1 (Roberts, "The unreasonable
-    effectiveness of quasirandom sequences", 2018); scipy.stats has others, at a third of a second of import.
-    """
-    root = 1.5
-    for _ in range(60):  # a contraction by at least a half each time
-        root = (1.0 + root) ** (1.0 / (dimensions + 1))
-    steps = root ** -np.arange(1.0, dimensions + 1)
-    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
+ROUNDS = 3  # of looks, where none leads to a design that holds
+DESCENTS = 3  # from the best designs of a look
+HALVINGS = 4  # of the way back to the drawn design: to a sixteenth of it
+UPRIGHT = 0.9  # of the way between the clamps is along z: there is no up across it
+TRIED = 3  # designs met, the least violated ones, that are simulated on all frames
+WORST = 0.95  # of the largest shortfall: limits with that much are the worst ones
 
 
 def search(evaluate: Evaluator, objective: Objective, trial: Evaluated, note: Note, *, near: bool = False) -> Evaluated:
     """Return the best design found from ``trial``, on all frames.
 
-    The search uses half of the frames, and all of them to end with. Where it ends with a limit violated it begins again
-    from other designs within the bounds, and looks for the least violation: a cable deep inside a part is pushed out
-    through the nearest face, which may be one that no design reaches. A design that is ``near`` the end already needs
-    no more than all frames.
+    The search uses half of the frames, and all of them to end with. A design that is ``near`` the end already needs no
+    more than all frames.
     """
     if near:
         best = descend(evaluate, objective, trial, 1, note)
         if objective.held(best):
             return best
-    best = descend(evaluate, objective, trial, SEARCH_STRIDE, note)
-    if not objective.held(best):
-        best = _elsewhere(evaluate, objective, best, note)
-    if not objective.held(best):
-        best = _redeemed(evaluate, objective, best, note)
+    met = [trial]
+    best = _descent(evaluate, objective, trial, note)
+    best = _beside(evaluate, objective, best, note, met)
     full = evaluate(best.values, best)
-    if full is None:
-        return best
-    best = descend(evaluate, objective, full, 1, note)
-    return best if objective.held(best) else descend(evaluate, objective.least_violation(), best, 1, note)
+    if full is not None:
+        best = _descent(evaluate, objective, full, note, stride=1)
+    return best if objective.held(best) else least_violation(evaluate, objective, [best, *met], note)
 
 
-def _redeemed(evaluate: Evaluator, objective: Objective, design: Evaluated, note: Note) -> Evaluated:
-    """Return the design of least violation near ``design``, and where that holds all limits the best from there."""
-    least = descend(evaluate, objective.least_violation(), design, SEARCH_STRIDE, note)
-    return descend(evaluate, objective, least, SEARCH_STRIDE, note) if objective.held(least) else least
+def _descent(
+    evaluate: Evaluator, objective: Objective, design: Evaluated, note: Note, *, stride: int = SEARCH_STRIDE
+) -> Evaluated:
+    """Return the best design met from ``design`` down; where limits stay violated, by way of the least violation.
+
+    A cable deep inside a part is pushed out through the nearest face, which may be one that no design reaches.
+    """
+    best = descend(evaluate, objective, design, stride, note)
+    if not objective.held(best):
+        least = descend(evaluate, objective.least_violation(), best, stride, note)
+        best = descend(evaluate, objective, least, stride, note) if objective.held(least) else least
+    if objective.held(best) and not stationary(objective, best):
+        nearer = _back(evaluate, objective, best, stride)
+        best = best if nearer is best else descend(evaluate, objective, nearer, stride, note)
+    return best
 
 
-def _elsewhere(evaluate: Evaluator, objective: Objective, best: Evaluated, note: Note) -> Evaluated:
-    """Return the best found from other designs within the bounds, or ``best`` where none is better."""
-    found = []
-    for start in _starts(objective):
-        look = evaluate(start, None, stride=LOOK_STRIDE, quick=True)
-        if look is not None:
-            found.append(look)
-            if objective.held(look):
-                break
-    for look in sorted(found, key=objective.violation)[:RESTARTS]:
-        scout = evaluate(look.values, look, stride=SEARCH_STRIDE)
-        if scout is None:
-            continue
-        end = _redeemed(evaluate, objective, scout, note)
-        best = end if objective.better(end, best) else best
-        if objective.held(best):
+def _back(evaluate: Evaluator, objective: Objective, design: Evaluated, stride: int) -> Evaluated:
+    """Return a design on the way from ``design`` back to the one that changes count from, as near to that as holds."""
+    best, low, high = design, 0.0, 1.0
+    for _ in range(HALVINGS):
+        share = 0.5 * (low + high)
+        values = objective.centre + share * (design.values - objective.centre)
+        trial = evaluate(values, best, stride=stride)
+        if trial is not None and objective.better(trial, best):
+            best, high = trial, share
+        else:
+            low = share
+    return best
+
+
+def _beside(evaluate: Evaluator, objective: Objective, best: Evaluated, note: Note, met: list[Evaluated]) -> Evaluated:
+    """Return the best design that looks over the bounds lead to, or ``best``; what they lead to is added to ``met``."""
+    for number in range(ROUNDS):
+        before = best
+        for look in promising(objective, looks(evaluate, objective, best, number), best, DESCENTS):
+            if objective.held(best) and not objective.could_beat(best, look.values):
+                continue
+            scout = evaluate(look.values, look, stride=SEARCH_STRIDE)
+            if scout is None:
+                continue
+            met.append(scout)
+            end = _descent(evaluate, objective, scout, note)
+            met.append(end)
+            best = end if objective.better(end, best) else best
+        if objective.held(best) and (best is before or objective.held(before)):
             break
     return best
 
 
-def _starts(objective: Objective) -> Array:
-    """Return designs (n, k) within the bounds, evenly spread, the best for the objective first."""
-    count = len(objective.range)
-    starts = objective.lower + spread(STARTS * (1 + count), count) * objective.range
-    return starts[np.argsort([objective.preference(start) for start in starts], kind="stable")]
-
-
 def verified(evaluate: Evaluator, objective: Objective, design: Evaluated, note: Note) -> Verified:
-    """Search from ``design``, verify the end, ask for what is short there, and search again."""
+    """Search from ``design``, round and verify the end, ask for what is short there, and search again."""
     for attempt in range(VERIFICATIONS):
         design = search(evaluate, objective, design, note, near=attempt > 0 and not evaluate.cold)
-        found = verify(evaluate, design)
+        found = _verify_rounded(evaluate, objective, design)
         if found.holds(snaps=objective.snaps) or not objective.held(design) or attempt == VERIFICATIONS - 1:
             break
-        if _strayed(design, found.motion):
+        if found.strayed:
             # of two shapes of one pose the search followed another one than a start from nothing finds
             evaluate.cold = True
         else:
-            _ask_for_more(evaluate, found)
+            ask_for_more(evaluate, found)
         again = evaluate(design.values, design)
         if again is None:
             break
@@ -145,43 +125,99 @@ def verified(evaluate: Evaluator, objective: Objective, design: Evaluated, note:
     return found
 
 
-def _ask_for_more(evaluate: Evaluator, found: Verified) -> None:
-    """Ask in addition for what a verification found short, or too near to its limit to be certain."""
-    for row in found.rows:
-        short = row.margin - (row.tolerance if row.holds == "uncertain" else 0.0)
-        if short < 0 and math.isfinite(short):
-            radius = found.motion.problem.cables[row.cable].cable.radius
-            # what is short by less than the search lets pass would otherwise stay so
-            evaluate.asked[row.id] += EXTRA * -short / row.scale(radius) + GUARD
+def _verify_rounded(evaluate: Evaluator, objective: Objective, design: Evaluated) -> Verified:
+    values = rounded(evaluate.problem, objective, design)
+    near = evaluate(values, design, quick=True) if (values != design.values).any() else None
+    return verify(evaluate, design) if near is None else verify(evaluate, near, design)
 
 
-def verify(evaluate: Evaluator, design: Evaluated) -> Verified:
-    """Simulate ``design`` anew on twice the frames and twice the elements; clearances are those between frames too."""
-    frames = evaluate.frames
-    problem = design_variables.rebased(evaluate.problem, design.values)
-    fine = np.interp(np.linspace(0, 1, 2 * len(frames) - 1), np.linspace(0, 1, len(frames)), frames)
-    motion = _fine_motion(problem, fine, design, evaluate.solver)
-    between = Between(BetweenFrames(motion), motion.snaps)
-    clearances = measure(problem, evaluate.scene, motion.motion, motion.cables, between=between)
-    return Verified(design, motion, clearances, all_limits(problem, motion, clearances))
+def otherwise_bowed(
+    evaluate: Evaluator, objective: Objective, found: Verified, note: Note
+) -> tuple[Evaluator, Verified]:
+    """Return a design that holds with one cable bowed to another side than drawn, or ``found`` where there is none.
+
+    Args:
+        evaluate: of the problem as drawn.
+        objective: what is sought.
+        found: where its search ended.
+        note: told of every iteration.
+    """
+    seen: list[tuple[Evaluated, Evaluator]] = []
+    drawn = _coarse(evaluate, objective.centre)
+    for bowed in _bowed(evaluate.problem):
+        other = evaluate.of(bowed)
+        look = _coarse(other, objective.centre)
+        known = [one for one in (drawn, *(one for one, _ in seen)) if one is not None]
+        if look is not None and all(strays(one.motion, look.motion) for one in known):
+            seen.append((look, other))
+    for look, other in sorted(seen, key=lambda one: objective.merit(one[0]))[:DESCENTS]:
+        scout = other(look.values, look, stride=SEARCH_STRIDE)
+        end = None if scout is None else _descent(other, objective, scout, note)
+        full = None if end is None or not objective.held(end) else other(end.values, end)
+        if full is not None:
+            answer = verified(other, objective, full, note)
+            if answer.holds(snaps=objective.snaps):
+                return other, answer
+    return evaluate, found
 
 
-def _fine_motion(problem: Problem, fine: Array, design: Evaluated, solver: str) -> Motion:
-    """Simulate ``problem`` anew, from a cold start, on the frames ``fine`` and twice the elements."""
-    begin = time.perf_counter()
-    cables = {}
-    for name in problem.cables:
-        elements = 2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1)
-        cables[name] = followed(sweep(problem, name, fine, solver=solver, elements=elements))
-    return collect(problem, fine, cables, time.perf_counter() - begin)
+def _coarse(evaluate: Evaluator, values: Array) -> Evaluated | None:
+    return evaluate(values, None, stride=coarse_stride(evaluate), quick=True)
 
 
-def _strayed(design: Evaluated, fine: Motion) -> bool:
-    """Return whether the shapes of ``fine`` are others than those that the search saw in the same frames."""
-    seen, new = design.motion, fine.motion
-    _, ours, theirs = np.intersect1d(seen.motion, new, return_indices=True)
-    return any(
-        float(np.max(np.linalg.norm(seen.cables[name].position[ours] - cable.position[theirs], axis=-1), initial=0.0))
-        > ELSEWHERE * cable.s[-1]
-        for name, cable in fine.cables.items()
-    )
+def _bowed(problem: Problem) -> Iterator[Problem]:
+    """Yield ``problem`` with one cable bowed across the way between its clamps: up, down, and to both sides."""
+    for name, run in problem.cables.items():
+        way = clamp_way(problem, name, np.zeros(1))
+        if way is None:
+            continue
+        along = way[0] / max(float(np.linalg.norm(way)), 1e-12)
+        up = np.eye(3)[2 if abs(along[2]) < UPRIGHT else 0]
+        up = rotations.normalise(up - (up @ along) * along)
+        for bow in (up, -up, np.cross(along, up), -np.cross(along, up)):
+            yield dataclasses.replace(
+                problem, cables={**problem.cables, name: dataclasses.replace(run, bow=tuple(bow.tolist()))}
+            )
+
+
+def least_violation(evaluate: Evaluator, objective: Objective, met: Sequence[Evaluated], note: Note) -> Evaluated:
+    """Return the design of least violation.
+
+    Args:
+        evaluate: simulates designs.
+        objective: what was sought.
+        met: designs, to begin from the best of them.
+        note: told of every iteration.
+    """
+    reporting = evaluate.reporting({})
+    begun = [reporting(one.values, one) for one in sorted(met, key=lambda one: one.violation)[:TRIED]]
+    known = [one for one in begun if one is not None]
+    if not known:
+        return met[0]
+    best = descend(reporting, objective.least_violation(), _least(objective, known), 1, note)
+    best = _least(objective, [best, *known])
+    short = {limit: shortfall for limit, shortfall in best.shortfalls.items() if shortfall > HELD}
+    worst = {limit: shortfall for limit, shortfall in short.items() if shortfall >= WORST * best.violation}
+    if len(worst) < len(short):
+        best = _kept(evaluate, objective.relaxing(frozenset(short) - frozenset(worst)), best, worst, note)
+    best = _kept(evaluate, objective, best, best.shortfalls, note)
+    return evaluate(best.values, best) or best  # with what is asked for, and not what is allowed, in its margins
+
+
+def _kept(
+    evaluate: Evaluator, objective: Objective, best: Evaluated, shortfalls: Mapping[LimitId, float], note: Note
+) -> Evaluated:
+    """Return the best design for ``objective`` that is no more violated than ``best``, with ``shortfalls`` allowed."""
+    keeping = evaluate.reporting(shortfalls)
+    begin = keeping(best.values, best)
+    if begin is None:
+        return best
+    end = descend(keeping, objective, begin, 1, note)
+    return _least(objective, [end, best])
+
+
+def _least(objective: Objective, designs: Sequence[Evaluated]) -> Evaluated:
+    """Return the least violated of ``designs``; among equals that with the least objective."""
+    least = min(one.violation for one in designs)
+    equals = [one for one in designs if one.violation <= least + HELD]
+    return min(equals, key=lambda one: objective.preference(one.values))

@@ -30,6 +30,7 @@ PROMISE = 1e-3  # of a violation or shortfall: a step that promises to take away
 WORTH = 8.0  # times an objective of change or length: by a thousandth of that it may be missed
 LEAST_WORTH = 1e-9  # of such an objective counts as none
 LEAST_SHORT = 0.2  # in scales: of a smaller shortfall that share is taken of this
+SMALL = 1e-2  # of the bounds' ranges: a step over which linearised limits are as good as the limits
 MARGIN = 1e-3  # by how much a trial must improve on the designs met before
 FAILURES = 3  # in a row, where a limit is violated by more than WORST: other starts promise more
 SHRINK = 0.35  # of the step that failed: the next trust region
@@ -112,6 +113,11 @@ def descend(evaluate: Evaluator, objective: Objective, design: Evaluated, stride
         if trust < LEAST_TRUST or (failures >= FAILURES and objective.violation(design) > WORST):
             break
     return best
+
+
+def stationary(objective: Objective, design: Evaluated) -> bool:
+    """Return whether the limits hold at ``design`` and no small step promises better: to first order it is the best."""
+    return objective.held(design) and _step(objective, design, SMALL, [])[1] < PROMISE
 
 
 def _near(objective: Objective, design: Evaluated, tried: list[Evaluated], trust: float) -> list[Evaluated]:

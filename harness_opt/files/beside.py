@@ -15,7 +15,7 @@ from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
 from harness_opt.files.schema import MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
 from harness_opt.files.values import MESH_UNITS
 from harness_opt.model.between import Tree, table, value
-from harness_opt.model.words import KeyPath, Mistake, one_of, shown
+from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
 
 MOST_LIBRARY_BYTES = MEGABYTE
 OF_A_LIBRARY = (

@@ -21,10 +21,10 @@ from harness_opt.files.write import problem_text
 from harness_opt.model import design_variables
 from harness_opt.model.between import mistakes_between
 from harness_opt.model.bodies import Poses
+from harness_opt.model.checks import KeyPath, dotted
 from harness_opt.model.design import Design, Variable
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.problem import Problem
-from harness_opt.model.words import KeyPath, dotted
 from harness_opt.numerics import rotations
 
 Tree = dict[str, Any]

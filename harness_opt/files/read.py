@@ -6,6 +6,7 @@ Every mistake met on the way is gathered and raised as one :class:`~harness_opt.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import math
@@ -16,7 +17,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from harness_opt.errors import ProblemError
@@ -29,14 +29,13 @@ from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
-from harness_opt.model.between import SIDES, Tree, mistakes_between, table, value
+from harness_opt.model.between import Tree, mistakes_between, table
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
-from harness_opt.model.cable import REACH_TOLERANCE, Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.checks import Mistake, coupling, dotted, shown
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
-from harness_opt.model.words import Mistake, coupling, dotted, shown
-from harness_opt.numerics import rotations
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 
@@ -50,7 +49,6 @@ _OWN, _OF_A_STUDY = {"cables", "bodies", "parts"}, {"vary", "variants", "problem
 NEAR = 20  # letters that are shown around one that cannot be written
 MOST_MISTAKES = 200  # that are told one by one
 MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
-MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
 _MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
 
@@ -159,13 +157,28 @@ def problem_from(
     mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
     motions, wrong = _motions(tree, places, pending or {})
     mistakes += wrong
-    mistakes += _reach(tree, motions)
     if tables is not None and tables.robust is not None:
         mistakes += robust_mistakes(tables, tables.robust)
     if mistakes or tables is None:
         lines = [f"{file}: {dotted(path)}: {words}" for path, words in mistakes[:MOST_MISTAKES]]
         left = len(mistakes) - len(lines)
         raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
+    with naming(file):
+        return _problem(tables, motions, places, file)
+
+
+@contextlib.contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Put the name of ``file`` before mistakes that come without."""
+    try:
+        yield
+    except ProblemError as error:
+        raise ProblemError(f"{file}: {line}" for line in error.mistakes) from None
+
+
+def _problem(
+    tables: file_schema.ProblemTable, motions: Mapping[str, BodyMotion | None], places: Places, file: Path
+) -> Problem:
     return Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
         bodies={name: Body(motions[name]) for name in tables.bodies},
@@ -282,36 +295,6 @@ def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyM
     return parse_poses(file.read_bytes(), file)
 
 
-def _reach(tree: Tree, motions: Mapping[str, BodyMotion | None]) -> Iterator[Mistake]:
-    """Yield the cables that are too short for their clamps at some moment of the motion."""
-    motion = np.linspace(0.0, 1.0, MOTION_SAMPLES)
-    for name in table(tree, "cables"):
-        cable = table(tree, "cables", name)
-        length = value(cable, "length")
-        ends = [_path_of(table(cable, side), motions, motion) for side in SIDES]
-        if length is None or ends[0] is None or ends[1] is None:
-            continue
-        distance = np.linalg.norm(ends[1] - ends[0], axis=1)
-        worst = int(np.argmax(distance))
-        if not distance[worst] <= length * (1 + REACH_TOLERANCE):
-            words = f"expected at least {distance[worst]:.6g}, the distance between its clamps"
-            at = f"at motion {motion[worst]:.3g} (of 0 to 1)"
-            yield ("cables", name, "length"), f"found {shown(length)}, {words} {at}"
-
-
-def _path_of(end: Tree, motions: Mapping[str, BodyMotion | None], motion: rotations.Array) -> rotations.Array | None:
-    """Return the world positions (P, 3) of a clamp at ``motion`` (P,), or None where they are not known."""
-    position, body = value(end, "position"), end.get("body", WORLD)
-    if position is None or not isinstance(body, str) or body not in motions:
-        return None
-    with np.errstate(over="ignore", invalid="ignore"):
-        origins, turns = Body(motions[body]).poses(motion)
-        return origins + rotations.rotate(turns, np.broadcast_to(np.asarray(position, dtype=float), origins.shape))
-
-
-# --- tables to domain classes --------------------------------------------------------------------------
-
-
 def _cable_run(cable: file_schema.CableTable) -> CableRun:
     ends = _end(cable.start), _end(cable.end)
     return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at)
@@ -371,7 +354,8 @@ def _design(design: file_schema.DesignTable) -> Design:
             couplings.append(Coupling(name, leader, factor, offset))
         else:
             variables.append(Variable(name, *given))
-    return Design(design.minimise, tuple(variables), tuple(couplings), design.weights, design.maximise, design.snaps)
+    plain = design.model_dump(exclude={"variables"})
+    return Design(**plain, variables=tuple(variables), couplings=tuple(couplings))
 
 
 def _robust(robust: file_schema.RobustTable | None) -> Robust | None:

@@ -27,6 +27,7 @@ from harness_opt.files.values import (
     Positive,
     Quaternion,
     RollWord,
+    Seed,
     Share,
     Size,
     Table,
@@ -39,7 +40,7 @@ from harness_opt.files.values import (
     schema_of,
 )
 from harness_opt.model.between import INVALID
-from harness_opt.model.words import KeyPath, Mistake, one_of, shown
+from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
 
 UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
 MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
@@ -110,10 +111,7 @@ class CableTable(Table):
     bend_radius_factors: dict[str, Positive] = Field(default_factory=dict, description="Bend limits by use, diameters.")
     bending_stiffness: Bending = Field(description="N m2; one number, or [kx, ky] about d1 and d2 of a flat section.")
     torsional_stiffness: Positive = Field(description="kz, about the tangent, N m2.")
-    density: NotNegative | None = Field(
-        default=None,
-        description="kg/m3, of the full circle of the diameter; or mass_per_length; neither is weightless.",
-    )
+    density: NotNegative | None = Field(default=None, description="kg/m3 of the full circle; or mass_per_length.")
     mass_per_length: NotNegative | None = Field(default=None, description="kg/m; or density; neither is weightless.")
     rest_curvature: Vector = Field(
         default=(0.0, 0.0, 0.0),
@@ -280,6 +278,11 @@ class DesignTable(Table):
         default=None, description="In place of minimise: the largest worst margin, each as a share of its limit."
     )
     snaps: Flag = Field(default=False, description="Whether cables may snap to other shapes on the way.")
+    round_length: NotNegative = Field(
+        default=1e-4, description="To multiples of this, m, lengths and positions that moved are rounded; 0 is off."
+    )
+    round_deg: NotNegative = Field(default=0.1, description="The same of turns, degrees.")
+    seed: Seed = Field(default=0, description="Of the designs that are looked at beside the descents.")
     weights: dict[str, NotNegative] = Field(
         default_factory=dict,
         description="Of the change of a variable, by name; 1 where left out, and changes count in the bounds' ranges.",
@@ -302,7 +305,7 @@ class RobustTable(Table):
     )
     share: Share = Field(default=0.99, description="Of what is built, between 0 and 1, for which all limits hold.")
     samples: Whole = Field(default=500, description="Of the Monte Carlo study that verifies it; 0 leaves it out.")
-    seed: Whole = Field(default=0, description="Of these samples; the same seed gives the same.")
+    seed: Seed = Field(default=0, description="Of these samples; the same seed gives the same.")
     tolerances: dict[str, ToleranceTable] = Field(
         default_factory=dict,
         description="By key of this file: cables.NAME.length (m), cables.NAME.stiffness_percent, "

@@ -11,8 +11,8 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from harness_opt.model.limits import KIND_OF_KEY, LimitId, LimitKind, Obstacle
-from harness_opt.model.results import Holds
-from harness_opt.model.travel import Moments, Travel
+from harness_opt.model.problem import Moments, Travel
+from harness_opt.model.results import Holds, LimitResult
 
 Json = dict[str, Any]
 Command = Literal["simulate", "redesign"]
@@ -148,6 +148,16 @@ class PriceEntry(TypedDict):
     buys: dict[str, float]
 
 
+class ClampEntry(TypedDict):
+    """A clamp that a redesign moved or turned, in the coordinates of its body."""
+
+    name: Annotated[str, _said("Such as ``lead.end``")]
+    body: str
+    position: Annotated[list[float] | None, _said("m")]
+    direction: Annotated[list[float] | None, _said("Unit, along growing arc length")]
+    quaternion: Annotated[list[float] | None, _said("Of the section, where the roll is given")]
+
+
 class StepEntry(TypedDict):
     """An iteration of the search."""
 
@@ -208,12 +218,19 @@ class RedesignEntry(TypedDict):
 
     variables: dict[str, VariableEntry]
     iterations: int
-    limits_before: list[LimitEntry]
+    looked_at: Annotated[int, _said("Designs simulated")]
+    violation: Annotated[Number, _said("The largest shortfall of a limit over its scale; 0 where all hold")]
+    limits_before: Annotated[list[LimitEntry] | None, _said("null where no shape joins the drawn clamps")]
+    too_short: NotRequired[Annotated[dict[str, float], _said("By how much cables were drawn too short, m")]]
+    optimal: NotRequired[Annotated[bool, _said("Whether no small change promises a better design")]]
     active: Annotated[list[str], _said("What holds the design: limits by ``id``, and variables at a bound in words")]
     goal: NotRequired[str]
     coupled: NotRequired[dict[str, str]]
     moved_inside: NotRequired[dict[str, dict[str, float]]]
+    bows: NotRequired[Annotated[dict[str, list[float]], _said("Cables bowed to another side than drawn, and to which")]]
+    clamps: NotRequired[list[ClampEntry]]
     in_the_way: NotRequired[list[RelaxationEntry]]
+    in_the_way_together: NotRequired[list[tuple[RelaxationEntry, RelaxationEntry]]]
     costs: NotRequired[list[PriceEntry]]
     history: NotRequired[list[StepEntry]]
     robust: NotRequired[RobustEntry]
@@ -275,6 +292,29 @@ def moments_of(summary: Summary) -> Moments:
     if path is None:
         return Moments((), 0.0)
     return Moments([Travel(**way) for way in path["ways"]], path["duration"], path["out_and_back"])
+
+
+def limit_entry(row: LimitResult) -> LimitEntry:
+    """Return a limit's row in the words and the unit of the problem file."""
+    kind, unit = row.id.kind, row.id.kind.from_si
+    part, other = obstacle_entry(row.id.obstacle)
+    return LimitEntry(
+        id=str(row.id),
+        name=kind.key,
+        cable=row.cable,
+        part=part,
+        other_cable=other,
+        limit=unit * row.limit,
+        worst=unit * row.worst,
+        margin=unit * row.margin,
+        frame=row.frame,
+        motion=row.motion,
+        arc_length=row.arc_length,
+        certified=row.certified,
+        holds=row.holds,
+        tolerance=unit * row.tolerance,
+        reason=row.reason,
+    )
 
 
 def limit_of(entry: LimitEntry) -> LimitId:

@@ -21,7 +21,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from harness_opt.model.words import LARGEST, one_of
+from harness_opt.model.checks import LARGEST, one_of
 from harness_opt.numerics import rotations
 
 QUATERNION_TOLERANCE = 1e-3  # largest | |q| - 1 | taken as rounding: three typed digits do; normalised then
@@ -96,6 +96,7 @@ Positive = Annotated[_Above0, Expected("a number above 0")]
 NotNegative = Annotated[_AtLeast0, Expected("a number of at least 0")]
 Share = Annotated[_Below1, Expected("a number between 0 and 1")]
 Whole = Annotated[int, Field(strict=True), BeforeValidator(_whole), Expected("a whole number")]
+Seed = Annotated[int, Field(strict=True, ge=0), BeforeValidator(_whole), Expected("a whole number of at least 0")]
 Flag = Annotated[bool, Field(strict=True), Expected("true or false")]
 Text = Annotated[str, Field(strict=True), Expected("text in quotes")]
 Digest = Annotated[

@@ -262,7 +262,11 @@ def _design(document: Any, problem: Problem) -> None:
     goal: Rows = [("minimise", design.minimise, "change | length")]
     if design.maximise is not None:
         goal = [("maximise", design.maximise, "the largest worst margin")]
-    table = _fill(tomlkit.table(), [*goal, ("snaps", True if design.snaps else None, "allowed")])
+    usual = type(design)()
+    for key, words in (("snaps", "allowed"), ("round_length", "m"), ("round_deg", "degrees"), ("seed", "")):
+        given = getattr(design, key)
+        goal.append((key, None if given == getattr(usual, key) else given, words))
+    table = _fill(tomlkit.table(), goal)
     if design.weights:
         table.add("weights", _fill(tomlkit.table(), [(name, float(w), "") for name, w in design.weights.items()]))
     if design.variables:

@@ -7,19 +7,16 @@ twice, and both in the same words.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
-import numpy as np
-
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD, Body
-from harness_opt.model.cable import REACH_TOLERANCE, Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.checks import KeyPath, Mistake, coupling, dotted, one_of, shown
 from harness_opt.model.design import Minimise
 from harness_opt.model.parts import Box, MeshFile, Part
-from harness_opt.model.words import KeyPath, Mistake, coupling, dotted, one_of, shown
-from harness_opt.numerics import rotations
+from harness_opt.model.reach import too_short
 
 Tree = Mapping[str, Any]
 INVALID = object()  # in the place of a value that is known to be wrong
@@ -28,7 +25,6 @@ SIDES = ("start", "end")
 ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
 LONGEST_NAME = 100  # letters; names become file names and array names
 NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
-MOTION_SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 KINDS = {"cables": CableRun, "bodies": Body, "parts": Part}
 AT_LEAST_0 = ("clearance",)  # of the limits; the others are above 0
 
@@ -278,8 +274,10 @@ def mistakes_of(problem: Any) -> list[str]:
     minimise = problem.design.minimise
     if minimise not in get_args(Minimise):
         found.told.append(f"design.minimise: found {shown(minimise)}, expected {one_of(get_args(Minimise))}")
-    if not found.told:
-        found.told += _reach(problem)
+    if not found.told:  # what a redesign may lengthen or move is for a simulation to refuse
+        free = [one.name for one in (*problem.design.variables, *problem.design.couplings)]
+        fixed = [name for name in problem.cables if not any(key.startswith(f"{name}.") for key in free)]
+        found.told += too_short(problem, fixed).values()
     return found.told
 
 
@@ -339,29 +337,3 @@ def _run_table(run: CableRun) -> dict[str, Any]:
 def _end_table(end: End) -> dict[str, Any]:
     given = {name: value for name, value in vars(end).items() if value is not None}
     return {name: value for name, value in given.items() if name not in ("swivel", "turns") or value}
-
-
-def _reach(problem: Any) -> Iterator[str]:
-    """Yield the cables that are too short for their clamps at some moment of the motion, and may not become longer."""
-    motion = np.linspace(0.0, 1.0, MOTION_SAMPLES)
-    free = {variable.name for variable in problem.design.variables}
-    for name, run in problem.cables.items():
-        ends = [_path(problem, end, motion) for end in (run.start, run.end)]
-        if ends[0] is None or ends[1] is None or f"{name}.length" in free:
-            continue
-        distance = np.linalg.norm(ends[1] - ends[0], axis=1)
-        worst, length = int(np.argmax(distance)), run.cable.length
-        if math.isfinite(distance[worst]) and distance[worst] > length * (1 + REACH_TOLERANCE):
-            words = f"expected at least {distance[worst]:.6g}, the distance between its clamps"
-            at = f"at motion {motion[worst]:.3g} (of 0 to 1)"
-            yield f"{dotted(('cables', name, 'length'))}: found {shown(length)}, {words} {at}"
-
-
-def _path(problem: Any, end: End, motion: rotations.Array) -> rotations.Array | None:
-    """Return the world positions (P, 3) of an end at ``motion`` (P,), or None where it has none."""
-    if end.position is None:
-        return None
-    origins, turns = problem.poses(end.body, motion)
-    moved = rotations.rotate(turns, np.broadcast_to(np.asarray(end.position, dtype=float), origins.shape))
-    found: rotations.Array = origins + moved
-    return found

@@ -73,6 +73,9 @@ class Design:
         weights: of the change of a variable, by name, 1 where left out; 0 changes it for nothing.
         maximise: "margin" asks for the largest worst margin instead, each as a share of its limit; None does not.
         snaps: whether the cables may snap on the way.
+        round_length, round_deg: to multiples of which a redesign rounds the variables that it moves and nothing else
+            follows, m and degrees; 0 rounds nothing.
+        seed: of the designs that it looks at.
     """
 
     minimise: Minimise = "change"
@@ -81,6 +84,9 @@ class Design:
     weights: Mapping[str, float] = field(default_factory=dict)
     maximise: Literal["margin"] | None = None
     snaps: bool = False
+    round_length: float = 1e-4
+    round_deg: float = 0.1
+    seed: int = 0
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """Shapes between the solved frames of a motion: each from its two neighbours.
 
 The neighbours are read from the motion's plain arrays and blended; the corrector then has to stay near the blend,
-as on any step along a path, and the shape has to be stable. Where it does not, there is no shape between the two
-that belongs to both.
+as on any step along a path, and the shape has to be stable. Where it does not, the frames are too far apart for that:
+the one before is followed in as many steps as it takes, and on to the one after. Where it does not come there, there is
+no shape between the two that belongs to both.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Quantities
 from harness_opt.motion.cases import CableCases
+from harness_opt.motion.common_mesh import on_mesh
 from harness_opt.motion.frames import Frames, batch
 from harness_opt.motion.sweep import MOTION_TOLERANCE, accurate, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.numerics.vectors import Indices
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Kind
+from harness_opt.rod.boundary import Kind, case
 from harness_opt.rod.stability import stability, surely_stable
 from harness_opt.rod.states import Rod
 from harness_opt.statics.continuation import MOST_TURNING, STEP_ITERATIONS, turning
@@ -84,20 +86,53 @@ class BetweenFrames:
         self, cable: str, ends: Sequence[tuple[End, End]], before: Indices, share: Array
     ) -> list[Solved | None]:
         """Solve at the shares (k,) of the ways from frames (k,) to the next; None where that leads elsewhere."""
-        problem, shapes = self._motion.problem, self._motion.cables[cable]
+        problem, shapes, frames = self._motion.held(cable), self._motion.cables[cable], self._motion.motion
         cases = CableCases(problem, cable, SOLVER)
+        described, gravity = problem.cables[cable].cable, np.asarray(problem.gravity)
         used = np.union1d(before, before + 1)
         rods, mesh = _rods(problem, cable, shapes, used), self._meshes[cable]
         unknowns = resample(rods, mesh)
         solves: list[Solved | None] = []
         for pair, k, part in zip(ends, np.searchsorted(used, before), share, strict=True):
-            posed = cases.posed(pair, None).signed_like(rods.q[k, 0], rods.q[k, -1])
+            posed = case(described, *pair, gravity).signed_like(rods.q[k, 0], rods.q[k, -1])
             guess = unknowns[k] + part * (unknowns[k + 1] - unknowns[k])
             solved = solve_on(posed, mesh, guess, SOLVER, STEP_ITERATIONS)
             near = solved.ok and not solved.turned
             near = near and turning(solved.bound.quaternions(guess), solved.rod.q) <= MOST_TURNING
-            solves.append(solved if near else None)
+            if near:
+                solves.append(solved)
+                continue
+            first, last = frames[used[k]], frames[used[k + 1]]
+            begin, end = (
+                solve_on(cases.posed(cases.problem.ends(cable, [at])[0], posed), mesh, unknowns[i], SOLVER)
+                for at, i in ((first, k), (last, k + 1))
+            )
+            solves.append(_on_the_way(cases, (begin, first), (end, last), first + part * (last - first)))
         return solves
+
+
+def _on_the_way(
+    cases: CableCases, before: tuple[Solved, float], after: tuple[Solved, float], at: float
+) -> Solved | None:
+    """Return the shape at motion value ``at`` on the way from one frame to the next; None where one leads elsewhere.
+
+    Args:
+        cases: of the cable.
+        before, after: the two frames, and their motion values.
+        at: between these.
+    """
+    same = 1e-3  # rad, most that sections turn between a frame as it was solved and as it is come to from another
+    (begin, first), (end, last) = before, after
+    if not (begin.ok and end.ok):
+        return None
+    found, reached = cases.follow(begin, first, at)
+    if reached != at:
+        return None
+    there, reached = cases.follow(found, at, last)
+    mesh = end.bound.mesh
+    if reached != last or turning(there.rod.sample(mesh).q, end.rod.q) > same:
+        return None
+    return found if np.array_equal(found.bound.mesh, mesh) else on_mesh(found, mesh, SOLVER)
 
 
 def _stable(rods: Rod, kind: Kind) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model.methods import check_method
 from harness_opt.model.problem import Problem, given_problem, left_out
+from harness_opt.model.reach import too_short
 from harness_opt.model.results import Followed, Motion, Snap
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.paper_sweep import sweep_by_quadrature
@@ -60,13 +61,15 @@ def simulate(  # noqa: PLR0913
         throw: raise where a shape cannot be found, or return the motion solved until there.
 
     Raises:
-        ProblemError: ends that no shape can join; frames that do not increase from 0 to 1; a spatial step and frames
-            both.
+        ProblemError: a cable too short for its clamps; ends that no shape can join; frames that do not increase from 0
+            to 1; a spatial step and frames both.
         SolveError: a shape could not be found; ``partial`` is the motion until there.
     """
     problem = given_problem(problem)
     check_method(transcription, solver)
     options = Quadrature(points, closure, solver, tolerance)
+    if frames is None and (short := too_short(problem, problem.cables)):
+        raise ProblemError(short.values())
     begin = time.perf_counter()
     motion = place_frames(problem, spatial_step) if frames is None else given_frames(frames, spatial_step)
     begins = _first_shapes(problem, first)

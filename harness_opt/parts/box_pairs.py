@@ -1,8 +1,10 @@
-"""Which of many boxes meet: a tree of boxes against itself, level by level, in arrays."""
+"""Neighbours in space: which of many boxes meet, and many points in bundles, level by level, in arrays."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -41,6 +43,34 @@ def meeting_boxes(lower: Array, upper: Array) -> Iterator[tuple[Indices, Indices
             meets = (low[x][a] <= high[x][b]) & (low[x][b] <= high[x][a])
             a, b = a[meets], b[meets]
         left.append((level - 1, a, b))
+
+
+def bundles(vertices: Array, faces: Indices) -> list[Indices]:
+    """Return the numbers of triangles in about sqrt(m) bundles of neighbours, each as large as the others.
+
+    Each bundle is halved at the median along the longest side of its box, as the nodes of a k-d tree are: Bentley,
+    "Multidimensional binary search trees used for associative searching", Commun. ACM 18 (1975).
+
+    Args:
+        vertices: (k, 3), m.
+        faces: (m, 3), vertex numbers.
+    """
+    # moved along with the numbers, so that what a bundle needs lies together
+    along = [vertices[:, x][faces].mean(axis=1) for x in range(3)]
+    number = np.arange(len(faces))
+    ends = [0, len(faces)]
+    for _ in range(round(0.5 * math.log2(len(faces)))):
+        halves = []
+        for first, last in pairwise(ends):
+            own = slice(first, last)
+            longest = along[int(np.argmax([np.ptp(x[own]) for x in along]))]
+            half = (last - first + 1) // 2
+            order = np.argpartition(longest[own], half)
+            for column in (*along, number):
+                column[own] = column[own][order]
+            halves += [first, first + half]
+        ends = [*halves, len(faces)]
+    return np.split(number, ends[1:-1])
 
 
 def _tree(lower: Array, upper: Array) -> tuple[Indices, list[tuple[Array, Array]]]:

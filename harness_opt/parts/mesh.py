@@ -20,7 +20,7 @@ from harness_opt.numerics.vectors import Indices, lengths
 from harness_opt.parts.geometry import Distances, Geometry
 from harness_opt.parts.nearest import AGREE, Shell, closest_on_triangles
 from harness_opt.parts.outer_surface import CLOSED_GAP, outer_surface
-from harness_opt.parts.winding import Winding
+from harness_opt.parts.winding import FEW_FACES, Winding
 
 # height over longest edge below which a triangle has no area: coal returns 0 anywhere on its line
 FLAT_TRIANGLE = 1e-9
@@ -34,12 +34,10 @@ class Mesh(Geometry):
 
     Args:
         shell: the triangles that have an area.
-        winding: what tells inside from outside where the mesh is closed.
         gap: between closed pieces, below which they are one, m: files hold rounded corners.
     """
 
     shell: Shell
-    winding: Winding
     gap: float
 
     @staticmethod
@@ -63,19 +61,11 @@ class Mesh(Geometry):
             raise ProblemError(f"parts.{name}.mesh: found only triangles without area, expected a surface")
         # the volume tells whether a closed mesh is inside out
         inside_out = closed and np.einsum("mi,mi->", a - a[0], np.cross(b - a[0], c - a[0])) < 0
-        faces, areas = np.ascontiguousarray(faces[solid]), areas[solid]
-        used = vertices[np.unique(faces)]
-        normals = (-1.0 if inside_out else 1.0) * rotations.normalise(areas)
-        return Mesh(
-            name=name,
-            body=body,
-            lower=used.min(axis=0),
-            upper=used.max(axis=0),
-            closed=closed,
-            shell=Shell.of(vertices, faces, normals),
-            winding=Winding.of(vertices, faces, areas),
-            gap=CLOSED_GAP * float(np.abs(used).max()) if gap is None else gap,
-        )
+        normals = (-1.0 if inside_out else 1.0) * rotations.normalise(areas[solid])
+        shell = Shell.of(vertices, faces[solid], normals)
+        if gap is None:
+            gap = CLOSED_GAP * float(np.abs([shell.lower, shell.upper]).max())
+        return Mesh(name, body, shell.lower, shell.upper, closed, shell, gap)
 
     @property
     def vertices(self) -> Array:
@@ -86,6 +76,12 @@ class Mesh(Geometry):
     def faces(self) -> Indices:
         """The triangles that have an area, (m, 3), vertex numbers."""
         return self.shell.faces
+
+    @cached_property
+    def winding(self) -> Winding:
+        """What tells inside from outside where the mesh is closed: made when a point may be inside."""
+        many = len(self.faces) > FEW_FACES
+        return Winding.of(self.vertices, self.faces, self.shell.bundles if many else None)
 
     @cached_property
     def outer(self) -> Shell:

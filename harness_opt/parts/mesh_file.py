@@ -21,7 +21,7 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 from harness_opt.parts.gltf_file import read_gltf
 from harness_opt.parts.mesh_headers import STL_HEAD, Refused, beside, is_text, refuse_faces, refuse_text
-from harness_opt.parts.orientation import closing, outward
+from harness_opt.parts.orientation import closed_outward
 
 _UNHEARD = logging.NullHandler()
 SOLIDS = re.compile(rb"^[ \t]*(?:end)?solid\b.*$", re.IGNORECASE | re.MULTILINE)
@@ -49,13 +49,13 @@ def read_mesh(key: str, mesh: MeshFile) -> tuple[Array, Indices, bool]:
     vertices, faces = _read(key, mesh)
     if mesh.up_axis == "y":
         vertices = vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]  # (x, -z, y)
-    closed, faces = closing(faces)
+    closed, faces = closed_outward(vertices, faces)
     if not (closed or mesh.shell):
         raise ProblemError(
             f"{key}: found a surface that is not closed in {mesh.path}, expected a closed one, or shell = true "
             "beside it: a shell has no inside, and a cable there goes unnoticed"
         )
-    return vertices * METRES[mesh.unit], outward(vertices, faces) if closed else faces, closed
+    return vertices * METRES[mesh.unit], faces, closed
 
 
 def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
@@ -131,17 +131,20 @@ def merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     for column in (1, 2):
         key = (key ^ (key >> np.uint64(29))) * MIXERS[column] + rounded[:, column]
     order = np.argsort(key, kind="stable")
-    begins = np.concatenate([[True], np.diff(key[order]) != 0])
-    group = np.cumsum(begins) - 1
+    key = key[order]
+    begins = np.concatenate([[True], key[1:] != key[:-1]])
+    ordered = rounded[order]
+    same = np.all(ordered[1:] == ordered[:-1], axis=1)
+    if not np.all(begins[1:] | same):  # two places with one key: as good as never
+        order = np.lexsort(rounded.T)
+        ordered = rounded[order]
+        begins = np.concatenate([[True], np.any(ordered[1:] != ordered[:-1], axis=1)])
     first = order[begins]
-    if not np.array_equal(rounded[order], rounded[first[group]]):  # two places with one key: as good as never
-        _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-        order, group = np.arange(len(kept)), inverse.reshape(-1)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
+    new = np.zeros(len(kept), dtype=bool)
+    new[first] = True
     number = np.zeros(len(vertices), dtype=np.int64)
-    number[kept[order]] = rank[group]
-    return vertices[kept[np.sort(first)]], number[faces]
+    number[kept[order]] = (np.cumsum(new) - 1)[first][np.cumsum(begins) - 1]
+    return vertices[kept[new]], number[faces]
 
 
 def _bare(content: bytes) -> io.BytesIO:

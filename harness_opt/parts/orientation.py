@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, dots, lengths
@@ -32,15 +35,114 @@ def winding_numbers(points: Array, corners: Array, areas: Array) -> Array:
     return turns
 
 
-def outward(vertices: Array, faces: Indices) -> Indices:
-    """Return closed ``faces`` (m, 3) so turned that each piece has its inside within.
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The edges of m faces, 3 m of them, so sorted that those with the same two corners follow each other.
+
+    Args:
+        face: (3 m,), that each edge is of.
+        upward: (3 m,), whether that face runs through it from the lower corner number to the higher.
+        first: (e,), where the edges of each two corners begin.
+    """
+
+    face: Indices
+    upward: NDArray[np.bool_]
+    first: Indices
+
+    @staticmethod
+    def of(faces: Indices) -> Edges:
+        """Return the edges of ``faces`` (m, 3)."""
+        start, end = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+        # one number for both corners: sorted ten times as fast as rows
+        key = np.minimum(start, end) * (int(faces.max(initial=0)) + 1) + np.maximum(start, end)
+        order = np.argsort(key, kind="stable")
+        key, upward = key[order], (start < end)[order]
+        first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+        return Edges(order % len(faces), upward, first)
+
+    @property
+    def uses(self) -> Indices:
+        """How many faces have each edge, (e,)."""
+        return np.diff(self.first, append=len(self.face))
+
+    @property
+    def shared(self) -> Indices:
+        """The places (n, 2) of each edge that two faces share with no third one."""
+        found: Indices = self.first[self.uses == 2][:, None] + np.arange(2)
+        return found
+
+    @property
+    def pairs(self) -> Indices:
+        """The faces (n, 2) that share such an edge."""
+        return self.face[self.shared]
+
+    @property
+    def balanced(self) -> bool:
+        """Whether every edge is run through as often one way as the other."""
+        return not np.any(np.add.reduceat(np.where(self.upward, 1, -1), self.first))
+
+    def turned(self, flip: NDArray[np.bool_]) -> Edges:
+        """Return the edges with the faces at ``flip`` (m,) turned round."""
+        return Edges(self.face, self.upward ^ flip[self.face], self.first)
+
+
+def joined(pairs: Indices, count: int) -> Indices:
+    """Return which piece (count,) each of so many things belongs to, where ``pairs`` (n, 2) of them are joined."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ones = np.ones(len(pairs), dtype=np.int8)
+    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def closed_outward(vertices: Array, faces: Indices) -> tuple[bool, Indices]:
+    """Return whether ``faces`` (m, 3) close, and if so, the faces turned so that each piece has its inside within.
+
+    They close where every edge is run through as often one way as the other: exactly then the winding number is whole
+    away from the surface, whether or not an edge belongs to more than two faces. Faces that do not, but would once
+    some are turned round, are turned round.
+    """
+    edges = Edges.of(faces)
+    if not edges.balanced:
+        flip = _disagreeing(edges, len(faces))
+        edges = edges.turned(flip)
+        if not edges.balanced:
+            return False, faces
+        faces = _flipped(faces, flip)
+    return True, _outward(vertices, faces, _pieces(edges, len(faces)))
+
+
+def _flipped(faces: Indices, flip: NDArray[np.bool_]) -> Indices:
+    """Return ``faces`` (m, 3) with those at ``flip`` (m,) turned round."""
+    return np.where(flip[:, None], faces[:, ::-1], faces)
+
+
+def _disagreeing(edges: Edges, count: int) -> NDArray[np.bool_]:
+    """Return which of ``count`` faces are to be turned round so that neighbours run through their edge both ways."""
+    # Two copies of each face, as it is and turned round; neighbours that agree on their edge join equal
+    # copies. A component of this graph is a consistent choice of copies, its mirror image the opposite one.
+    one, other = edges.pairs.T
+    upward = edges.upward[edges.shared]
+    turned = upward[:, 0] == upward[:, 1]
+    rows = np.concatenate([one, one + count])
+    columns = np.concatenate([other + count * turned, other + count * ~turned])
+    label = joined(np.column_stack([rows, columns]), 2 * count)
+    flip = label[:count] > label[count:]
+    component = np.minimum(label[:count], label[count:])
+    # most faces of a component are taken to be right, so that cavities stay cavities
+    flip ^= (np.bincount(component, weights=flip) > 0.5 * np.bincount(component))[component]
+    return flip
+
+
+def _outward(vertices: Array, faces: Indices, piece: Indices) -> Indices:
+    """Return closed ``faces`` (m, 3) so turned that each ``piece`` (m,) has its inside within.
 
     A piece that faces inward and lies wholly inside the others is a cavity, and stays; one that reaches out of
     them, or stands alone, was turned inside out in the file: where it overlaps others its winding would cancel
     theirs.
     """
     corners_asked = 50  # corners of a piece that faces inward that are asked whether they lie inside the others
-    piece = _pieces(faces)
     corners = vertices[faces]
     middle = vertices.mean(axis=0)
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -54,89 +156,26 @@ def outward(vertices: Array, faces: Indices) -> Indices:
         asked = own[:: max(1, len(own) // corners_asked)]
         inside = np.abs(winding_numbers(vertices[asked], corners[right], areas[right])) > 0.5
         turned[inward] = not np.all(inside)
-    return np.where(turned[piece][:, None], faces[:, ::-1], faces)
+    return _flipped(faces, turned[piece])
 
 
-def _pieces(faces: Indices) -> Indices:
-    """Return the number (m,) of the piece that each face belongs to: pieces are joined by edges of two faces.
+def _pieces(edges: Edges, count: int) -> Indices:
+    """Return which piece each of ``count`` faces belongs to, (count,): pieces are joined by edges of two faces.
 
     Where more faces meet at an edge, as where two bodies touch, such a piece may be a part of a surface only; what
     does not close by itself is one piece with its neighbours.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    def joined(pairs: Indices, count: int) -> Indices:
-        ones = np.ones(len(pairs), dtype=np.int8)
-        graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-        return np.asarray(connected_components(graph, directed=False)[1])
-
-    pairs, edges = neighbours(faces)
-    piece = joined(pairs % len(faces), len(faces))
-    _, edge, uses = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
-    edge = edge.reshape(-1)
-    crowded = np.flatnonzero(uses[edge] > 2)
-    if not len(crowded):
+    piece = joined(edges.pairs, count)
+    uses = edges.uses
+    if uses.max() == 2:  # all are, where they close
         return piece
-    owner, way = piece[crowded % len(faces)], np.where(edges[crowded, 0] < edges[crowded, 1], 1.0, -1.0)
-    both, index = np.unique(np.column_stack([edge[crowded], owner]), axis=0, return_inverse=True)
-    torn = np.isin(both[:, 1], both[np.bincount(index.reshape(-1), weights=way) != 0, 1])
-    both = both[torn]
-    next_to = both[1:, 0] == both[:-1, 0]  # sorted by edge
-    return joined(np.column_stack([both[:-1, 1], both[1:, 1]])[next_to], int(piece.max()) + 1)[piece]
-
-
-def neighbours(faces: Indices) -> tuple[Indices, Indices]:
-    """Return the edges (n, 2), by number, that two faces share, and all edges as :func:`_edges` lists them."""
-    edges = _edges(faces)
-    _, edge, uses = np.unique(_edge_keys(edges), return_inverse=True, return_counts=True)
-    order = np.argsort(edge, kind="stable")
-    return order[uses[edge[order]] == 2].reshape(-1, 2), edges
-
-
-def closing(faces: Indices) -> tuple[bool, Indices]:
-    """Return whether ``faces`` (m, 3) close, and the faces, some turned round where that makes them close.
-
-    They close where every edge is run through as often one way as the other: exactly then the winding number
-    is whole away from the surface, whether or not an edge belongs to more than two faces.
-    """
-    if _balanced(faces):
-        return True, faces
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    # Two copies of each face, as it is and turned round; neighbours that agree on their edge join equal
-    # copies. A component of this graph is a consistent choice of copies, its mirror image the opposite one.
-    count = len(faces)
-    pairs, edges = neighbours(faces)
-    owner, upward = np.tile(np.arange(count), 3), edges[:, 0] < edges[:, 1]
-    one, other = owner[pairs].T
-    turned = upward[pairs[:, 0]] == upward[pairs[:, 1]]
-    rows = np.concatenate([one, one + count])
-    columns = np.concatenate([other + count * turned, other + count * ~turned])
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * count, 2 * count))
-    label = connected_components(graph, directed=False)[1]
-    flip = label[:count] > label[count:]
-    component = np.minimum(label[:count], label[count:])
-    # most faces of a component are taken to be right, so that cavities stay cavities
-    flip ^= (np.bincount(component, weights=flip) > 0.5 * np.bincount(component))[component]
-    repaired = np.where(flip[:, None], faces[:, ::-1], faces)
-    return (True, repaired) if _balanced(repaired) else (False, faces)
-
-
-def _balanced(faces: Indices) -> bool:
-    """Whether every edge of ``faces`` is run through as often one way as the other."""
-    edges = _edges(faces)
-    _, index = np.unique(_edge_keys(edges), return_inverse=True)
-    return not np.any(np.bincount(index, weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0)))
-
-
-def _edge_keys(edges: Indices) -> Indices:
-    """Return a number (n,) for each of ``edges`` (n, 2), whichever way it runs: sorted ten times as fast as rows."""
-    found: Indices = edges.min(axis=1) * (int(edges.max(initial=0)) + 1) + edges.max(axis=1)
-    return found
-
-
-def _edges(faces: Indices) -> Indices:
-    """Return the edges (3 m, 2) of ``faces`` (m, 3), each the way its face runs through it."""
-    return np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    crowded = np.repeat(uses > 2, uses)
+    edge = np.repeat(np.arange(len(uses)), uses)[crowded]
+    way = np.where(edges.upward[crowded], 1.0, -1.0)
+    pieces = int(piece.max()) + 1
+    both, index = np.unique(edge * pieces + piece[edges.face[crowded]], return_inverse=True)
+    edge, owner = both // pieces, both % pieces
+    torn = np.isin(owner, owner[np.bincount(index, weights=way) != 0])
+    edge, owner = edge[torn], owner[torn]
+    next_to = edge[1:] == edge[:-1]  # sorted by edge
+    return joined(np.column_stack([owner[:-1], owner[1:]])[next_to], pieces)[piece]

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices, lengths
+from harness_opt.parts.box_pairs import bundles
 from harness_opt.parts.crossings import Crossings, Planes, crossings
 from harness_opt.parts.nearest import Shell
-from harness_opt.parts.orientation import neighbours
+from harness_opt.parts.orientation import Edges, joined
 from harness_opt.parts.winding import Winding
 
 # of the largest coordinate in the file: gaps narrower than that count as closed. Corners in single precision are off
@@ -74,14 +75,16 @@ def outer_surface(shell: Shell, gap: float) -> Shell | None:
 def _distinct(faces: Indices) -> Indices:
     """Return the numbers (k,) of ``faces`` (m, 3) without doubles; two that face each other are both left out."""
     turned = np.sort(faces, axis=1)
-    _, first, group = np.unique(turned, axis=0, return_index=True, return_inverse=True)
-    if len(first) == len(faces):
+    order = np.lexsort(turned.T)
+    differs = np.any(np.diff(turned[order], axis=0) != 0, axis=1)
+    if np.all(differs):
         return np.arange(len(faces))
+    group = np.empty(len(faces), dtype=np.int64)
+    group[order] = np.concatenate([[0], np.cumsum(differs)])
     # an even permutation of the sorted corners turns as they do
     lowest = np.argmin(faces, axis=1)
     row = np.arange(len(faces))
     even = faces[row, (lowest + 1) % 3] < faces[row, (lowest + 2) % 3]
-    group = group.reshape(-1)
     balance = np.bincount(group, weights=np.where(even, 1.0, -1.0))
     kept = np.flatnonzero(balance[group] * np.where(even, 1.0, -1.0) > 0)
     return np.asarray(kept[np.unique(group[kept], return_index=True)[1]])
@@ -89,16 +92,10 @@ def _distinct(faces: Indices) -> Indices:
 
 def _patches(faces: Indices, touched: Indices) -> Indices:
     """Return the number (m,) of the patch of each face: of those next to each other that nothing touches."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    pairs = neighbours(faces)[0] % len(faces)
     alone = np.zeros(len(faces), dtype=bool)
     alone[touched] = True
-    pairs = pairs[~np.any(alone[pairs], axis=1)]
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(faces), len(faces)))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    pairs = Edges.of(faces).pairs
+    return joined(pairs[~np.any(alone[pairs], axis=1)], len(faces))
 
 
 # --- pieces --------------------------------------------------------------------------------------------
@@ -230,21 +227,17 @@ def _outer_sides(shell: Shell, planes: Planes, pieces: _Pieces, step: float) -> 
 
 def _bodies(shell: Shell) -> list[tuple[Array, Array, Winding]]:
     """Return the bodies of ``shell``, which have no corner in common: lower and upper corner, winding numbers."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     vertices, faces = shell.vertices, shell.faces
-    rows, columns = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    size = (len(vertices), len(vertices))
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=size)
-    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    label = joined(ends, len(vertices))[faces[:, 0]]
     order = np.argsort(label, kind="stable")
     bodies = []
     for group in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
-        corners = vertices[faces[group]]
-        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        own = faces[group]
+        corners = vertices[own]
         lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        bodies.append((lower, upper, Winding.of(vertices, faces[group], areas, FEW_FACES)))
+        members = bundles(vertices, own) if len(own) > FEW_FACES else None
+        bodies.append((lower, upper, Winding.of(vertices, own, members)))
     return bodies
 
 

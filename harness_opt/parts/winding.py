@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,14 +38,20 @@ class Winding:
     clusters: Clusters | None = field(repr=False)
 
     @staticmethod
-    def of(vertices: Array, faces: Indices, areas: Array, few: int = FEW_FACES) -> Winding:
-        """Return the winding numbers of triangles, in clusters where they are more than ``few``; else as the class."""
-        clusters = Clusters.of(vertices[faces], areas) if len(faces) > few else None
+    def of(vertices: Array, faces: Indices, members: Sequence[Indices] | None = None) -> Winding:
+        """Return the winding numbers of triangles, by clusters where ``members`` are given; others as the class."""
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        areas = np.cross(b - a, c - a)
+        clusters = None if members is None else Clusters.of(vertices, faces, areas, members)
         return Winding(vertices, faces, areas, clusters)
 
     def exact(self, points: Array) -> Array:
         """Return the winding numbers (n,) of ``points`` (n, 3), m, every triangle summed."""
-        return winding_numbers(points, self.vertices[self.faces], self.areas)
+        turns = np.zeros(len(points))
+        for first in range(0, len(self.faces), PAIRS_AT_A_TIME):
+            some = slice(first, first + PAIRS_AT_A_TIME)
+            turns += winding_numbers(points, self.vertices[self.faces[some]], self.areas[some])
+        return turns
 
     def turns(self, points: Array) -> Array:
         """Return the winding numbers (n,) of ``points`` (n, 3), m, which lie off the surface; whole numbers."""
@@ -93,19 +99,14 @@ class Clusters:
     radius: Array
 
     @staticmethod
-    def of(corners: Array, areas: Array) -> Clusters:
-        """Split faces (m, 3, 3), (m, 3) at the median along the longest side, into about sqrt(m) clusters."""
-        middle = corners.mean(axis=1)
-        members = [np.arange(len(areas))]
-        for _ in range(round(0.5 * math.log2(len(areas)))):
-            along = [middle[group, np.argmax(np.ptp(middle[group], axis=0))] for group in members]
-            members = [
-                half
-                for group, x in zip(members, along, strict=True)
-                for half in np.array_split(group[np.argpartition(x, len(x) // 2)], 2)
-            ]
-        weights = lengths(areas)
-        centre = np.array([np.average(middle[group], axis=0, weights=weights[group]) for group in members])
-        radius = [lengths(corners[group] - at).max() for group, at in zip(members, centre, strict=True)]
+    def of(vertices: Array, faces: Indices, areas: Array, members: Sequence[Indices]) -> Clusters:
+        """Return clusters of faces (m, 3) with ``areas`` (m, 3), m2; others as the class."""
+        balls = [_ball(vertices[faces[group]], lengths(areas[group])) for group in members]
         area = np.array([0.5 * areas[group].sum(axis=0) for group in members])
-        return Clusters(tuple(members), area, centre, np.array(radius))
+        return Clusters(tuple(members), area, np.array([at for at, _ in balls]), np.array([r for _, r in balls]))
+
+
+def _ball(corners: Array, weights: Array) -> tuple[Array, float]:
+    """Return the centroid (3,) of triangles (k, 3, 3), m, with such areas, and the radius about it that holds them."""
+    centre = np.average(corners.mean(axis=1), axis=0, weights=weights)
+    return centre, float(lengths(corners - centre).max())

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from harness_opt.model.problem import Moments
 from harness_opt.model.results import Motion
-from harness_opt.model.travel import Moments
 
 UNITS = {"m": (6, 1.0), "mm": (4, 1e3)}  # number of $INSUNITS, and how many make a metre
 OPEN_3D, VERTEX_3D = 8, 32  # flags of a polyline in space, and of its vertices

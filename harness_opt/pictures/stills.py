@@ -15,8 +15,8 @@ from harness_opt.clearance.limits import all_limits, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.limits import LimitKind
+from harness_opt.model.problem import Moments
 from harness_opt.model.results import LimitResult, Motion
-from harness_opt.model.travel import Moments
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene, load_scene
@@ -143,7 +143,7 @@ def write_pictures(
     else:
         changed = _changes(result)
         views = [
-            worst_view(result.motion_before, scene, result.limits_before, "Before"),
+            worst_view(result.motion_before, scene, result.limits_before or (), "Before"),
             worst_view(motion, scene, result.limits, f"After: {changed}"),
         ]
         asked = {"worst.png": [replace(views[1], title=f"Redesigned: {changed}")], "before_after.png": views}

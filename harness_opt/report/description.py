@@ -18,8 +18,7 @@ from harness_opt.model.design_variables import target, value
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Problem, left_out
-from harness_opt.model.travel import Moments
+from harness_opt.model.problem import Moments, Problem, left_out
 from harness_opt.motion.path import clamp_twist, place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array

@@ -24,16 +24,15 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Moments, Problem
 from harness_opt.model.results import Motion
-from harness_opt.model.travel import Moments
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.report import charts, colours, viewpoint
 from harness_opt.report import page_rows as report_words
 from harness_opt.report.data_sheet import data_sheets
-from harness_opt.report.inputs import input_tables
+from harness_opt.report.page_rows import input_tables
 from harness_opt.report.scene_data import part_data, scene_data, view_data
 from harness_opt.report.summary import summary as summarise
 

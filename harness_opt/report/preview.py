@@ -13,15 +13,14 @@ from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Hinge
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.plausibility import doubts, part_doubts
-from harness_opt.model.problem import Problem
-from harness_opt.model.travel import Moments
+from harness_opt.model.problem import Moments, Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
 from harness_opt.report import colours, viewpoint
 from harness_opt.report.description import suspects
 from harness_opt.report.html_page import MOST_NAMES, page, texts_of
-from harness_opt.report.inputs import input_tables
+from harness_opt.report.page_rows import input_tables
 from harness_opt.report.scene_data import looked, outlines_of, pack, part_data
 
 Json = dict[str, Any]

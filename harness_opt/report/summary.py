@@ -23,39 +23,26 @@ from harness_opt.files.summary import (
     LimitEntry,
     PairEntry,
     PathEntry,
-    PriceEntry,
     ProblemEntry,
     RangeEntry,
-    RedesignEntry,
-    RelaxationEntry,
-    RobustEntry,
     SheetEntry,
     SnapEntry,
-    StepEntry,
     Summary,
     TravelEntry,
-    VariableEntry,
     Verdict,
-    WithinEntry,
-    YieldEntry,
-    key_in_file_units,
+    limit_entry,
     obstacle_entry,
 )
-from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Moments, Problem
 from harness_opt.model.results import LimitResult, Motion, Snap
-from harness_opt.model.travel import Moments
 from harness_opt.numerics.rotations import Array
 from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
+from harness_opt.report.redesign_summary import redesign_summary
 
 if TYPE_CHECKING:
-    from harness_opt.design.prices import Price
-    from harness_opt.design.relaxations import Relaxation
     from harness_opt.design.result import Redesign
-    from harness_opt.design.robustness import Robustness, Within, Yield
-    from harness_opt.design.sqp import Step
 
 
 SCHEMA = 1  # of the summary
@@ -189,28 +176,10 @@ def _version(package: str) -> str:
         return str(getattr(sys.modules.get(package), "__version__", "not installed"))
 
 
-def _limit(row: LimitResult, measured: ClearanceResult | None = None) -> LimitEntry:
-    """Return a limit's row in the words and the unit of the problem file."""
-    kind, unit = row.id.kind, row.id.kind.from_si
-    part, other = obstacle_entry(row.id.obstacle)
-    entry = LimitEntry(
-        id=str(row.id),
-        name=kind.key,
-        cable=row.cable,
-        part=part,
-        other_cable=other,
-        limit=unit * row.limit,
-        worst=unit * row.worst,
-        margin=unit * row.margin,
-        frame=row.frame,
-        motion=row.motion,
-        arc_length=row.arc_length,
-        certified=row.certified,
-        holds=row.holds,
-        tolerance=unit * row.tolerance,
-        reason=row.reason,
-    )
-    if measured is not None and kind is LimitKind.CLEARANCE:
+def _limit(row: LimitResult, measured: ClearanceResult) -> LimitEntry:
+    """Return a limit's row, with what is known of a clearance along the cable."""
+    entry = limit_entry(row)
+    if row.id.kind is LimitKind.CLEARANCE:
         entry["certified_along_arc"] = any(pair.certified_along_arc for pair in measured.pairs if pair.id == row.id)
     return entry
 
@@ -272,117 +241,3 @@ def _strict(value: Any) -> Any:
 def as_json(content: Mapping[str, Any]) -> str:
     """Return ``content`` as strict JSON text: what is not finite is null."""
     return json.dumps(_strict(content), indent=2, allow_nan=False)
-
-
-# --- of a redesign --------------------------------------------------------------------------------------
-
-
-def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
-    """Return the part of a summary that is about the redesign.
-
-    Args:
-        result: a redesign, or the motion of the design given where that could not be simulated.
-    """
-    from harness_opt.report.trade_off_files import trade_off_summary  # a simulation needs none of the rooms behind it
-
-    if isinstance(result, Motion):  # no other design was looked for
-        problem = result.problem
-        given = zip(problem.design.variables, design_variables.values(problem), strict=True)
-        return RedesignEntry(
-            variables={
-                v.name: VariableEntry(before=float(at), after=None, lower=v.lower, upper=v.upper) for v, at in given
-            },
-            iterations=0,
-            limits_before=[],
-            active=[],
-        )
-    design = result.original.design
-    entry = RedesignEntry(
-        variables={
-            name: VariableEntry(before=v.before, after=v.after, lower=v.lower, upper=v.upper)
-            for name, v in result.variables.items()
-        },
-        goal=design.maximise or design.minimise,
-        coupled={coupling.name: coupling.words for coupling in design.couplings},
-        moved_inside={name: {"from": a, "to": b} for name, (a, b) in result.moved.items()},
-        iterations=result.iterations,
-        limits_before=[_limit(row) for row in result.limits_before],
-        active=[str(held) for held in result.active],
-        in_the_way=[_relaxation(found) for found in result.relaxations],
-        costs=[_price(found) for found in result.prices],
-        history=[_step(step) for step in result.history],
-    )
-    if result.robust is not None:
-        entry["robust"] = _robust(result.robust)
-    if result.trade_off is not None:
-        entry["pareto"] = trade_off_summary(result.trade_off)
-    return entry
-
-
-def _step(step: Step) -> StepEntry:
-    return StepEntry(
-        aim=step.aim,
-        objective=step.objective,
-        margin=step.margin,
-        limit=None if step.limit is None else str(step.limit),
-        amount=step.amount,
-        trust=step.trust,
-        step=step.step,
-        accepted=step.accepted,
-    )
-
-
-def _robust(found: Robustness) -> RobustEntry:
-    return RobustEntry(
-        hold=found.hold,
-        asked=found.asked,
-        holds=found.holds,
-        rounds=found.rounds,
-        before=None if found.before is None else _within(found.before),
-        after=None if found.after is None else _within(found.after),
-        yield_before=None if found.yield_before is None else _yield(found.yield_before),
-        yield_after=None if found.yield_after is None else _yield(found.yield_after),
-    )
-
-
-def _within(found: Within) -> WithinEntry:
-    by_limit, nominal, allowances = (
-        {str(limit): value for limit, value in values.items()}
-        for values in (found.by_limit, found.nominal, found.allowances)
-    )
-    return WithinEntry(
-        share=found.share, corner=found.corner, by_limit=by_limit, nominal=nominal, allowances=allowances
-    )
-
-
-def _yield(found: Yield) -> YieldEntry:
-    return YieldEntry(
-        share=found.share, samples=found.samples, error=found.error, failures=found.failures, linear=found.linear
-    )
-
-
-def _relaxation(found: Relaxation) -> RelaxationEntry:
-    kind, unit = key_in_file_units(found.kind)
-    return RelaxationEntry(
-        key=found.key,
-        kind=kind,
-        part=found.part,
-        value=unit * found.value,
-        share=found.share,
-        estimate=unit * found.estimate,
-        enough=None if found.enough is None else unit * found.enough,
-        variables=dict(found.variables),
-    )
-
-
-def _price(found: Price) -> PriceEntry:
-    kind, unit = key_in_file_units(found.kind)
-    return PriceEntry(
-        key=found.key,
-        kind=kind,
-        part=found.part,
-        value=unit * found.value,
-        saves=found.saves / unit,
-        of=found.of,
-        buys={variable: unit * float(rate) for variable, rate in found.buys.items()},
-    )

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import importlib.util
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from harness_opt.files.summary import (
     LimitEntry,
     PairEntry,
-    PriceEntry,
-    RelaxationEntry,
-    RobustEntry,
     Summary,
     limit_of,
     moments_of,
 )
-from harness_opt.model.limits import DEGREES, KIND_OF_KEY, MILLIMETRES, Unit, spoken
-from harness_opt.model.travel import Moments
-from harness_opt.report.text_table import WIDTH, laid_out
+from harness_opt.model.limits import KIND_OF_KEY, spoken
+from harness_opt.model.problem import Moments
+from harness_opt.report.redesign_words import changes, redesign_words
 
-LEAST_BOUGHT = 0.05  # of what the best variable buys, in its unit: less is not worth saying
-TRADES = 2  # variables named for each limit
-SAVED = {"change": ("{:.2g} % of the change", 100.0), "length": ("{:.2g} mm of length", 1e3)}
 ANSWERS = {"yes": "OK", "no": "VIOLATED", "uncertain": "UNCERTAIN"}
 HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "", "arc mm", "")
+WIDTH = 80  # characters of a line, at most where columns may be cut
+NARROWEST = 6  # characters to which a column is cut, if need be
 LEFT = {0, 1, 2, 6, 10}  # columns set to the left, the others to the right
 SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
 NAMES = (2, 1)  # columns that may be cut, in this order
@@ -33,14 +29,26 @@ NO_MOMENTS = Moments((), 0.0)
 LARGE = 1e5  # from which numbers are rounded to two digits: a straight cable's bend radius
 
 
-def table(limits: Sequence[LimitEntry], moments: Moments = NO_MOMENTS) -> str:
+def table(
+    limits: Sequence[LimitEntry], moments: Moments = NO_MOMENTS, before: Sequence[LimitEntry] | None = None
+) -> str:
     """Return the limits of a summary as a table of at most 80 columns; nothing where there are none.
 
     Args:
         limits: the rows.
         moments: what their moments are told in beside per cent.
+        before: those of the drawn design, for a column with what the worst was there; None leaves that out.
     """
-    return "\n".join(laid_out([HEAD, *(_cells(row, moments) for row in limits)], LEFT, NAMES)) if limits else ""
+    if not limits:
+        return ""
+    rows, left = [HEAD, *(_cells(row, moments) for row in limits)], LEFT
+    if before is not None:
+        worst = {row["id"]: _number(row["worst"], KIND_OF_KEY[row["name"]].unit.factor) for row in before}
+        column = ["before", *(worst.get(row["id"], "-") for row in limits)]
+        rows = [(*row[:4], old, *row[4:]) for row, old in zip(rows, column, strict=True)]
+        rows[0] = tuple("after" if cell == "worst" else cell for cell in rows[0])
+        left = {number + (number > 3) for number in LEFT}
+    return "\n".join(laid_out(rows, left, NAMES))
 
 
 def _cells(row: LimitEntry, moments: Moments) -> tuple[str, ...]:
@@ -75,7 +83,7 @@ def where(row: LimitEntry) -> tuple[str, str]:
     """Return when and where, in mm of arc, the worst of a row stands; dashes where there is none."""
     if row["worst"] is None:
         return "-", "-"
-    return percent(row["motion"]), f"{1e3 * row['arc_length']:.0f}"
+    return f"{100 * row['motion']:.0f}%", f"{1e3 * row['arc_length']:.0f}"
 
 
 def quantity(row: LimitEntry, value: float | None, sign: str = "") -> str:
@@ -109,7 +117,10 @@ def limit_words(row: LimitEntry) -> str:
 
 def report(summary: Summary) -> str:
     """Return a whole summary in words: title, limits, what changed, what to know, the verdict last."""
-    blocks = [_headline(summary), table(summary["limits"], moments_of(summary)), data_sheet(summary), _changes(summary)]
+    redesigned = summary.get("redesign")
+    before = None if redesigned is None else redesigned["limits_before"]
+    limits = table(summary["limits"], moments_of(summary), before)
+    blocks = [_headline(summary), limits, data_sheet(summary), changes(summary)]
     told = [*notes(summary), *redesign_words(summary), conclusion(summary)]
     blocks.append("\n".join(_wrapped(note) for note in told))
     return "\n\n".join(block for block in blocks if block)
@@ -177,17 +188,6 @@ def _headline(summary: Summary) -> str:
     return _wrapped(f"{title}: {counted}, {summary['timing']['total']:.1f} s")
 
 
-def _changes(summary: Summary) -> str:
-    variables = summary["redesign"]["variables"] if "redesign" in summary else {}
-    lines = []
-    for name, found in variables.items():
-        after = "-" if found["after"] is None else f"{found['after']:.6g}"
-        unit = "deg" if name.endswith("_deg") else "m"
-        bounds = f"[{found['lower']:g}, {found['upper']:g}]"
-        lines.append(f"{name}: {found['before']:.6g} -> {after} {unit}, within {bounds}")
-    return "\n".join(lines)
-
-
 def notes(summary: Summary) -> Iterable[str]:
     """Give what to know about a summary, a sentence each."""
     for snap in summary["snaps"]:
@@ -239,10 +239,8 @@ def conclusion(summary: Summary) -> str:
         return f"Not solved: {summary['message'] or summary['reason']}"
     if status == "infeasible":
         in_the_way = [*short, *(f"a snap of {snap['cable']}" for snap in summary["snaps"])]
-        active = summary["redesign"]["active"]
-        held = f" It is held by: {'; '.join(active)}." if active else ""
-        found = "No design within the bounds holds all limits; the best one found is given."
-        return f"{found} In the way: {'; '.join(in_the_way)}.{held}"
+        looked = f"None found among {summary['redesign']['looked_at']} designs looked at that holds all limits"
+        return f"{looked}; the one given violates them least. In the way: {'; '.join(in_the_way)}."
     if not limits:
         return "Solved; there are no limits to hold."
     more = f" Not certain to hold: {'; '.join(unsure)}." if unsure else ""
@@ -264,102 +262,32 @@ def _wrapped(words: str) -> str:
     return textwrap.fill(words, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
-def redesign_words(summary: Summary) -> Iterator[str]:
-    """Give what there is to say about a redesign beside its limits, a sentence each; nothing about a simulation."""
-    found = summary.get("redesign")
-    if found is None:
-        return
-    for name, moved in found.get("moved_inside", {}).items():
-        unit = _unit(name)
-        a, b = (f"{unit.factor * moved[key]:.6g} {unit.name}" for key in ("from", "to"))
-        why = "where what it follows puts it" if name in found["coupled"] else "inside its bounds"
-        yield f"{name} stood at {a}; the redesign began at {b}, {why}."
-    yield from _ways_out(found.get("in_the_way", []))
-    for cost in found.get("costs", []):
-        yield from _cost(cost)
-    yield from _robust(found.get("robust"))
-    curve = found.get("pareto")
-    if curve is not None:
-        held = sum(point["verified"] for point in curve["points"])
-        yield f"{held} verified designs trade {curve['first']} for {curve['second']}: see pareto.csv."
+# --- columns --------------------------------------------------------------------------------------------
 
 
-def _unit(key: str, kind: str = "") -> Unit:
-    """Return the unit shown of a limit of ``kind``, or of the bound or variable ``key``."""
-    if kind in KIND_OF_KEY:
-        return KIND_OF_KEY[kind].unit
-    return DEGREES if key.endswith("_deg") else MILLIMETRES
+def laid_out(
+    rows: Sequence[Sequence[str]], left: Collection[int] = (0,), cut: Sequence[int] = (), most: int = WIDTH
+) -> list[str]:
+    """Return ``rows`` as lines of columns.
 
-
-def _what(entry: RelaxationEntry | PriceEntry) -> str:
-    """Return what a relaxation or a cost is about: ``bend radius``, ``clearance to housing``, ``lead.length``."""
-    if entry["kind"] not in KIND_OF_KEY:
-        return entry["key"].removeprefix("design.variables.")
-    words = KIND_OF_KEY[entry["kind"]].words
-    return words if entry["part"] is None else f"{words} to {entry['part']}"
-
-
-def _ways_out(entries: Sequence[RelaxationEntry]) -> Iterator[str]:
-    """Say what giving way in one limit or bound alone would do."""
-    ways = [_way_out(entry) for entry in entries if entry["enough"] is not None]
-    if ways:
-        yield f"{'Either of these' if len(ways) > 1 else 'This'} alone would do: {'; '.join(ways)}."
-    rest = [_what(entry) for entry in entries if entry["enough"] is None]
-    if rest:
-        yield f"Giving way in one of these alone would not do: {'; '.join(dict.fromkeys(rest))}."
-
-
-def _way_out(entry: RelaxationEntry) -> str:
-    """Say what value of one limit or bound would do; one must have been found."""
-    unit, enough = _unit(entry["key"], entry["kind"]), entry["enough"] or 0.0
-    change = enough - entry["value"]
-    more = f"{abs(unit.factor * change):.3g} {unit.name} {'more' if change > 0 else 'less'}"
-    if entry["kind"] in KIND_OF_KEY:
-        return f"{more} {_what(entry)} ({entry['key']} = {enough:.6g})"
-    side = "up" if entry["kind"] == "upper" else "down"
-    return f"{more} {_what(entry)} (bound {side} to {enough:.6g})"
-
-
-def _cost(entry: PriceEntry) -> Iterator[str]:
-    """Say what a limit or bound costs, and what buys it."""
-    unit, kind = _unit(entry["key"], entry["kind"]), KIND_OF_KEY.get(entry["kind"])
-    words, share = SAVED.get(entry["of"], ("{:.2g} % of the worst margin's limit", 100.0))
-    saved = words.format(share * entry["saves"] * unit.step / unit.factor)
-    gains = "add" if entry["of"] == "margin" else "save"
-    # loads and twist hold below their limits, bounds give way to their own side
-    more = entry["kind"] == "upper" if kind is None else not kind.is_least
-    yield f"{unit.step:g} {unit.name} {'more' if more else 'less'} {_what(entry)} would {gains} {saved}."
-    yield from _bought(entry)
-
-
-def _bought(entry: PriceEntry) -> Iterator[str]:
-    unit = _unit(entry["key"], entry["kind"])
-    steps = {name: rate / _unit(name).factor * unit.factor for name, rate in entry["buys"].items()}
-    best = sorted(steps, key=lambda name: -abs(steps[name]))[:TRADES]
-    told = [
-        f"1 {_unit(name).name} {'more' if steps[name] > 0 else 'less'} {name} buys {abs(steps[name]):.2g} {unit.name}"
-        for name in best
-        if abs(steps[name]) > LEAST_BOUGHT * abs(steps[best[0]])
+    Args:
+        rows: cells, the head first; a row may be short of columns at its end.
+        left: numbers of the columns set to the left; the others are set to the right.
+        cut: numbers of the columns that may be cut, in this order, so that a line has at most ``most`` characters.
+        most: characters.
+    """
+    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows)))]
+    for column in cut:
+        excess = sum(widths) + len(widths) - 1 - most
+        widths[column] = min(widths[column], max(NARROWEST, widths[column] - max(excess, 0)))
+    return [
+        " ".join(
+            _cell(cell, width, i in left) for i, (cell, width) in enumerate(zip(row, widths, strict=False))
+        ).rstrip()
+        for row in rows
     ]
-    if told:
-        yield f"Of {_what(entry)}, {', '.join(told)}."
 
 
-def _robust(found: RobustEntry | None) -> Iterator[str]:
-    """Say how a design fares within tolerances."""
-    if found is None or found["after"] is None:
-        return
-    held = "hold" if found["holds"] else "do not hold"
-    where = "at every corner" if found["hold"] == "corners" else f"for {_share(found['asked'])} of what is built"
-    yield f"Within the tolerances all limits {held} {where}, by linearised margins."
-    shares = ["?" if within is None else _share(within["share"]) for within in (found["before"], found["after"])]
-    yield f"Yield by linearised margins: {' -> '.join(shares)}."
-    for words, entry in (("Yield before", found["yield_before"]), ("Yield after", found["yield_after"])):
-        if entry is not None:
-            share = f"{_share(entry['share'])} +- {100.0 * entry['error']:.1f} %"
-            linear = _share(entry["linear"])
-            yield f"{words}, {entry['samples']} samples simulated: {share}; by linearised margins: {linear}."
-
-
-def _share(share: float) -> str:
-    return f"{100.0 * share:.1f} %"
+def _cell(words: str, width: int, is_left: bool) -> str:
+    short = words if len(words) <= width else words[: width - 1] + "~"
+    return short.ljust(width) if is_left else short.rjust(width)

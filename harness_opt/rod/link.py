@@ -31,6 +31,7 @@ from harness_opt.rod.states import Rod
 FAR = 1e4  # lengths of the cable: how long the rays are
 SPREAD = 0.7  # rad, between the rays of a bundle and the clamp's tangent
 TURNING = 0.15  # rad, most that the centreline turns by between two points of the polygon
+PAIRS = 10_000  # of sides looked at together: few enough to stay in the processor's cache
 POINTS = (60, 1500)  # of the polygon, at least and at most
 
 
@@ -44,17 +45,20 @@ def writhe(points: Array, *, closed: bool = False) -> float:
     """Return the writhe, in turns, of a polygon (N, 3); ``closed`` has a side from the last point to the first."""
     ends = np.vstack([points[1:], points[:1]]) if closed else points[1:]
     begins = points if closed else points[:-1]
-    count, total = len(begins), 0.0
-    for i in range(count - 2):
-        last = count - 1 if closed and i == 0 else count  # its neighbour round the end
-        total += float(np.sum(_crossings(begins[i], ends[i], begins[i + 2 : last], ends[i + 2 : last])))
-    return 2.0 * total
+    one, other = np.triu_indices(len(begins), 2)
+    if closed:
+        apart = other - one < len(begins) - 1  # not neighbours round the end
+        one, other = one[apart], other[apart]
+    some = (slice(first, first + PAIRS) for first in range(0, len(one), PAIRS))
+    pairs = ((one[k], other[k]) for k in some)
+    return 2.0 * math.fsum(float(np.sum(_crossings(begins[i], ends[i], begins[j], ends[j]))) for i, j in pairs)
 
 
 def _crossings(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return what sides from ``c`` to ``d`` (n, 3) contribute to the writhe with that from ``a`` to ``b`` (3,), (n,).
+    """Return what sides from ``c`` to ``d`` (n, 3) contribute to the writhe with those from ``a`` to ``b``, (n,).
 
-    Klenin and Langowski's Omega / (4 pi): the solid angle of the quadrangle of directions from one side to the other.
+    ``a`` and ``b`` are (n, 3), or (3,) of one side against all. Klenin and Langowski's Omega / (4 pi): the solid angle
+    of the quadrangle of directions from one side to the other.
     """
     tiny = np.finfo(float).tiny
     ac, ad, bc, bd = c - a, d - a, c - b, d - b
@@ -97,6 +101,11 @@ def _bundle(q: Array, sign: float) -> Array:
     return rotations.rotate(np.tile(q, (5, 1)), sign * local)
 
 
+def keeps_turns(kind: Kind) -> bool:
+    """Whether both ends are held, so that turns cannot come and go there."""
+    return kind.start_held == kind.end_held == HELD
+
+
 def turns_lost(kind: Kind, before: Array, after: Array) -> int:
     """Return by how many turns the link has changed between two shapes, from what :func:`links` returns of each.
 
@@ -104,7 +113,7 @@ def turns_lost(kind: Kind, before: Array, after: Array) -> int:
     Clamps that turn or move a little between the two change it by less than one. Where an end turns freely, turns come
     and go there, and none is counted as lost.
     """
-    if not kind.start_held == kind.end_held == HELD:
+    if not keeps_turns(kind):
         return 0
     change = 2 * np.rint(0.5 * (after - before)).astype(int)
     return int(change[np.argmin(np.abs(change))])
@@ -115,10 +124,22 @@ def links_of(rod: Rod) -> Array:
     fine = np.linspace(0.0, 1.0, 8 * (len(rod.mesh) - 1) + 1)
     fine = np.interp(fine * (len(rod.mesh) - 1), np.arange(len(rod.mesh)), rod.mesh)
     turning = np.linalg.norm(rod.sample(fine).omega, axis=-1)
-    run = np.concatenate([[0.0], np.cumsum(np.diff(fine) * 0.5 * (turning[1:] + turning[:-1]))])
-    needed = run / TURNING + POINTS[0] * fine
-    count = int(np.clip(math.ceil(needed[-1]), *POINTS))
-    s = np.interp(np.linspace(0.0, needed[-1], count + 1), needed, fine)
-    s[0], s[-1] = 0.0, 1.0
+    s = _places(fine, np.diff(fine) * 0.5 * (turning[1:] + turning[:-1]))
     samples = rod.sample(s)
     return links(s, samples.q, samples.r)
+
+
+def links_of_curve(s: Array, q: Array, points: Array) -> Array:
+    """Return :func:`links` of a curve at as many of its stations as its turning asks for; arguments as there."""
+    turned = rotations.small_rotation_vector(rotations.multiply(rotations.conjugate(q[:-1]), q[1:]))
+    which = np.unique(np.searchsorted(s, _places(s, np.linalg.norm(turned, axis=-1))))
+    return links(s[which], q[which], points[which])
+
+
+def _places(s: Array, turned: Array) -> Array:
+    """Return places (n,) along stations ``s`` (N,), denser where more is turned by between these, (N - 1,), rad."""
+    needed = np.concatenate([[0.0], np.cumsum(turned)]) / TURNING + POINTS[0] * (s - s[0]) / (s[-1] - s[0])
+    count = int(np.clip(math.ceil(needed[-1]), *POINTS))
+    found = np.interp(np.linspace(0.0, needed[-1], count + 1), needed, s)
+    found[0], found[-1] = s[0], s[-1]
+    return found

@@ -17,7 +17,8 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.rod.collocation import pack, stations
-from harness_opt.rod.link import links, links_of, turns_lost
+from harness_opt.rod.link import keeps_turns, links_of, links_of_curve, turns_lost
+from harness_opt.rod.states import Rod
 from harness_opt.statics.curls import minimum_with_curls
 from harness_opt.statics.energy_minimum import COILED, LITTLE_WORK, TWISTED, WORK, EnergyMinimum, minimise_energy
 from harness_opt.statics.from_minimum import solve_from_minimum
@@ -142,7 +143,7 @@ class Wound:
     @functools.cached_property
     def links(self) -> Array:
         """What :func:`harness_opt.rod.link.links` says of it."""
-        return links(self.s, self.q, self.r)
+        return links_of_curve(self.s, self.q, self.r)
 
 
 def wound_curve(case: Case, turns: int, bow: Array | None) -> Wound:
@@ -154,8 +155,8 @@ def wound_curve(case: Case, turns: int, bow: Array | None) -> Wound:
 
 def _starts(
     case: Case, turns: int, bow: Array | None, solver: str, wound: Wound | None
-) -> Iterator[tuple[Array, Solved]]:
-    """Yield shapes from curves with different bows, then from curls, and before each the links that it should have.
+) -> Iterator[tuple[Wound, Solved]]:
+    """Yield shapes from curves with different bows, then from curls, and before each a curve that has its turns.
 
     Arguments as of :func:`cold_start`.
     """
@@ -169,16 +170,16 @@ def _starts(
         boundary = signed(case.signed_like(wound.q[0], wound.q[-1]).boundary, wound.q)
         begun = dataclasses.replace(case, boundary=boundary)
         work = LITTLE_WORK if _is_taut(case) else WORK
-        yield from ((wound.links, one) for one in _some(_minimised(begun, wound.s, wound.q, solver, work)))
+        yield from ((wound, one) for one in _some(_minimised(begun, wound.s, wound.q, solver, work)))
     for wish in _bows(case, bow):
         if any(np.allclose(frames(wish), frames(other), rtol=0.0, atol=same_frames) for other in tried):
             continue
         tried.append(wish)
         own = whole_turns(case, wish, wound) if wound is not None else turns
-        asked = wound_curve(case, own, wish).links
+        asked = wound_curve(case, own, wish)
         yield from ((asked, one) for one in from_curve(case, own, wish, solver))
     own = whole_turns(case, tried[0], wound) if wound is not None else turns
-    asked = wound_curve(case, own, tried[0]).links
+    asked = wound_curve(case, own, tried[0])
     yield from ((asked, one) for one in _from_curls(case, own, tried[0], solver))
 
 
@@ -204,7 +205,7 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str, wound: Wo
     changes = list[int]()
     for asked, found in _starts(case, turns, bow, solver, wound):
         stable = stabilised(found, solver)
-        change = turns_lost(case.boundary.kind, asked, links_of((stable or found).rod))
+        change = lost_turns(case, asked, (stable or found).rod)
         if change:
             changes.append(change)
             lost = lost or dataclasses.replace(stable or found, passed=True)
@@ -214,6 +215,11 @@ def cold_start(case: Case, turns: int, bow: Array | None, solver: str, wound: Wo
             unstable = unstable or found
     won_back = _won_back(case, turns, bow, solver, wound, changes[0]) if changes else None
     return won_back or lost or unstable
+
+
+def lost_turns(case: Case, asked: Wound, rod: Rod) -> int:
+    """Return by how many turns a shape differs from a curve that has those asked for; 0 where turns come and go."""
+    return turns_lost(case.boundary.kind, asked.links, links_of(rod)) if keeps_turns(case.boundary.kind) else 0
 
 
 def _won_back(
@@ -229,9 +235,9 @@ def _won_back(
     """
     wish = next(iter(_bows(case, bow)))
     own = turns if wound is None else whole_turns(case, wish, wound)
-    asked = wound_curve(case, own, wish).links
+    asked = wound_curve(case, own, wish)
     for found in from_curve(case, own - change, wish, solver):
         stable = stabilised(found, solver)
-        if stable is not None and not turns_lost(case.boundary.kind, asked, links_of(stable.rod)):
+        if stable is not None and not lost_turns(case, asked, stable.rod):
             return stable
     return None

@@ -15,8 +15,7 @@ from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.boundary import HELD, Case
-from harness_opt.rod.link import links_of, turns_lost
-from harness_opt.statics.cold_start import from_curve, whole_turns, wound_curve
+from harness_opt.statics.cold_start import from_curve, lost_turns, whole_turns, wound_curve
 from harness_opt.statics.equilibrium import SHAPE_TOLERANCE, Shape, refined_shape
 from harness_opt.statics.fitting import posed_run
 from harness_opt.statics.release import stabilised
@@ -81,10 +80,10 @@ def equilibria(
 
 def _stable_from(posed: Case, turns: int, bow: Array, solver: str) -> Solved | None:
     """Return the first stable shape from a curve that has kept its turns; None where there is none."""
-    asked = wound_curve(posed, turns, bow).links
+    asked = wound_curve(posed, turns, bow)
     for start in from_curve(posed, turns, bow, solver):
         stable = stabilised(start, solver)
-        if stable is not None and not turns_lost(posed.boundary.kind, asked, links_of(stable.rod)):
+        if stable is not None and not lost_turns(posed, asked, stable.rod):
             return stable
     return None
 

@@ -28,10 +28,12 @@ class Fitted:
     Args:
         run: as described.
         solved: its shape; where an end turned freely, the frame there is what it is clamped in.
+        light: the mesh that it was found on; the roll takes a finer one, which a motion does not need.
     """
 
     run: CableRun
     solved: Solved
+    light: Array
 
     @property
     def frames(self) -> tuple[Array, Array]:
@@ -77,14 +79,14 @@ def fit(
     if isinstance(near, Solved) and near.case.boundary.kind == posed.boundary.kind:
         solved = solve_on(posed, near.bound.mesh, near.solution.x, solver, near=near)
         if solved.ok:
-            return Fitted(run, solved)
+            return Fitted(run, solved, solved.bound.mesh)
     if isinstance(near, Rod):
         solved = solve_on(posed, near.mesh, resample(near, near.mesh), solver)
     if solved is None or not solved.ok:
         solved = cold_start(posed, 0, None if run.bow is None else np.asarray(run.bow), solver)
     if solved is None or not solved.ok:
         return None
-    return Fitted(run, refine(solved, FITTED, solver)[0])
+    return Fitted(run, refine(solved, FITTED, solver)[0], solved.bound.mesh)
 
 
 def held(fitted: Fitted) -> tuple[End, End]:
@@ -109,7 +111,7 @@ def clamped(posed: Case, fitted: Fitted, solver: str) -> Solved | None:
     if not fitted.run.turned_in:
         rod = dataclasses.replace(rod, q=turned(rod.q, own_turns(fitted.run.start)))
         like = posed.signed_like(rod.q[0], rod.q[-1])
-        solved = solve_on(like, rod.mesh, resample(rod, rod.mesh), solver)
+        solved = solve_on(like, fitted.light, resample(rod, fitted.light), solver)
         if solved.ok and is_stable(solved, solver):
             return solved
     bow = None if fitted.run.bow is None else np.asarray(fitted.run.bow)

@@ -17,9 +17,9 @@ from harness_opt.files.places import Places
 from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
 from harness_opt.files.schema import structured
 from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
-from harness_opt.files.values import Expected, Number, Table, Text, Whole, only_integer, schema_of
+from harness_opt.files.values import Expected, Number, Seed, Table, Text, Whole, only_integer, schema_of
+from harness_opt.model.checks import dotted, one_of, shown
 from harness_opt.model.tolerances import Tolerance
-from harness_opt.model.words import dotted, one_of, shown
 from harness_opt.studies.shared_problem import COMMANDS, Command
 from harness_opt.studies.variations import METHODS, MOST_VARIANTS, Variations
 
@@ -61,7 +61,7 @@ class StudyTable(Table):
         description="How variants are made from what is varied."
     )
     samples: Whole | None = Field(default=None, description="How many, of a Latin hypercube or Monte Carlo.")
-    seed: Whole = Field(default=0, description="Of the samples; the same seed gives the same.")
+    seed: Seed = Field(default=0, description="Of the samples; the same seed gives the same.")
     vary: dict[str, Spread] = Field(default_factory=dict, description="By key of the problem, in quotes.")
     variants: list[dict[str, Any]] = Field(default_factory=list, description="Of a list: the values by key, of each.")
 

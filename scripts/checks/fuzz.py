@@ -7,6 +7,8 @@ Each input is one of the shipped problems, or a small one that has all kinds of 
 one of its files changed. Most are given to ``check``, some to ``simulate``, ``redesign`` or, as a result folder, to
 ``export``, or with what was found so far to ``study``. Every run has to end with an exit code from 0 to 3 and no
 traceback within a stated time and memory, say something where the code is 2, and leave a whole result folder or none.
+Time is the processor's, not the wall's, so that a busy machine is no fault of the program's; what waits without working
+is a hang, and told after the same time and half a minute.
 What fails is kept with its number, which makes it again; the table at the end counts exit codes by command.
 """
 
@@ -50,7 +52,7 @@ class Outcome:
     Args:
         code: its exit code, or None where there was none.
         wrong: what should not be, a line each; empty where all is well.
-        seconds: that it took.
+        seconds: of processor time that it took.
     """
 
     code: int | None
@@ -84,7 +86,7 @@ def tried(command: str, file: str, folder: Path) -> Outcome:
         wrong.append(f"escaped: {traceback.format_exc(limit=-3)}")
     finally:
         os.chdir(before)
-    seconds = time.process_time() - begin  # a busy machine is no fault of the program's
+    seconds = time.process_time() - begin
     said = out.getvalue() + err.getvalue()
     wrong += [f"python warns: {w.category.__name__}: {w.message} ({w.filename}:{w.lineno})" for w in caught]
     if not wrong and code not in (0, 1, 2, 3):
@@ -94,7 +96,7 @@ def tried(command: str, file: str, folder: Path) -> Outcome:
     if code == 2 and not err.getvalue().strip():
         wrong.append("nothing said")
     if seconds > SECONDS[command]:
-        wrong.append(f"{seconds:.0f} s")
+        wrong.append(f"{seconds:.0f} s of processor time")
     if command != "export":
         wrong += left_behind(folder)
     return Outcome(code, tuple(wrong), seconds)
@@ -249,7 +251,7 @@ def main() -> int:
             print(f"{sum(counts.values())} inputs, {failures} failures", file=sys.stderr, flush=True)
 
     campaign(numbers, report)
-    print(f"\n{'command':10} {'0':>7} {'1':>7} {'2':>7} {'3':>7} {'other':>7} {'slowest':>9}")
+    print(f"\n{'command':10} {'0':>7} {'1':>7} {'2':>7} {'3':>7} {'other':>7} {'slowest':>9} (processor time)")
     for command in SECONDS:
         codes = [counts[command, code] for code in range(4)]
         other = sum(n for (name, code), n in counts.items() if name == command and code not in range(4))

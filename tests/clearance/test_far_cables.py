@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import harness_opt as ho
 from harness_opt.clearance.certify_cable import CableSearch
+from harness_opt.clearance.certify_part import Seen
 from harness_opt.clearance.moving_centreline import MovingCurve
 from harness_opt.clearance.pairs import PairClearance
 from harness_opt.clearance.solved_frames import SolvedFrames
@@ -70,6 +73,35 @@ def test_the_cost_of_many_cables_grows_with_their_number(monkeypatch):
         counts.append(len(searched))
     assert counts[2] - counts[1] < 2.2 * (counts[1] - counts[0])
     assert counts[2] < 5 * 16
+
+
+def among_balls(count: int) -> ho.Problem:
+    """Return a cable beside so many balls, of which the first two are near."""
+    problem = row_of(1, 0.0)
+    balls = {f"b{k}": ho.Part(ho.Sphere(0.01), position=(0.1, 0.05 + 0.03 * k, -0.05)) for k in range(count)}
+    return dataclasses.replace(problem, parts=balls)
+
+
+def test_what_is_far_is_told_by_what_the_cable_sweeps_which_is_found_once(monkeypatch):
+    """For all parts of a body together, in place of once for each; and it is no less true."""
+    found: list[int] = []
+    find = Seen.acceleration
+    monkeypatch.setattr(Seen, "acceleration", lambda self: found.append(1) or find(self))
+    counts = []
+    for count in (5, 50):
+        found.clear()
+        problem = among_balls(count)
+        pairs = ho.clearances(ho.simulate(problem)).pairs
+        counts.append(len(found))
+    assert counts[0] == counts[1]
+    finer = ho.simulate(problem, spatial_step=0.0005).cables["c0"].position
+    for pair in pairs:
+        if pair.obstacle.is_cable:
+            continue
+        ball = problem.parts[pair.obstacle.name]
+        least = float(lengths(finer - np.asarray(ball.position)).min()) - ball.shape.radius - RADIUS
+        assert pair.certified and pair.lower_bound <= least + 1e-9
+        assert least - 1e-4 <= pair.worst <= (1 + FAR_SHARE) * least + 1e-4
 
 
 def test_boxes_hold_what_is_between_the_frames():

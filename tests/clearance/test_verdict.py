@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
@@ -114,6 +115,28 @@ def test_a_holder_must_not_be_entered_again():
     (row,) = [row for row in ho.clearances(ho.simulate(problem)).limits if row.part == "wall"]
     assert row.holds == "no" and row.worst == pytest.approx(-0.004, abs=5e-4), "half the wall and the radius"
     assert row.arc_length == pytest.approx(0.03, abs=0.002)
+
+
+@pytest.mark.parametrize("at_end", [False, True], ids=["start", "end"])
+@pytest.mark.parametrize("moment", [0.5, 0.2], ids=["between the frames", "in a frame"])
+def test_a_holder_is_not_entered_again_between_frames(at_end, moment):
+    """The cable bows out to a thin second wall of what holds it, and no frame need be there for it to be seen."""
+    ends = [
+        ho.End(position=(0, 0, 0), tangent=(0, 0, 1), roll_deg=0, holders=("wall",), let_off=0.12),
+        ho.End(position=(0.06, 0, 0.2), tangent=(0, 0, 1), roll_deg=0, body="arm"),
+    ]
+    if at_end:
+        ends = [dataclasses.replace(end, tangent=(0, 0, -1)) for end in reversed(ends)]
+    run = ho.CableRun(ho.Cable(0.3, 0.004, 2e-3, 1.5e-3), *ends)
+    slide = {"arm": ho.Body(ho.Slide((0, 1, 0), -0.12, 0.12))}
+    drawn = ho.Problem({"lead": run}, slide, limits=ho.Limits(clearance=0.003))
+    shapes = ho.simulate(drawn, frames=np.array([0.0, moment, 1.0])).cables["lead"]
+    out = shapes.position[1, np.argmin(np.abs(shapes.s - (0.24 if at_end else 0.06)))]
+    problem = dataclasses.replace(drawn, parts={"wall": ho.Part(ho.Box((0.001, 0.02, 0.01)), position=tuple(out))})
+    coarse = ho.simulate(problem, frames=np.array([0.0, 0.2, 0.8, 1.0]))
+    (row,) = [row for row in ho.clearances(coarse).limits if row.part == "wall"]
+    assert row.holds == "no"
+    assert row.worst == pytest.approx(-0.0025, abs=3e-4), "half the wall and the radius"
 
 
 # --- turns ----------------------------------------------------------------------------------------------

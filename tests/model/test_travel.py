@@ -9,7 +9,7 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.files.summary import moments_of
-from harness_opt.model.travel import Moments
+from harness_opt.model.problem import Moments
 from harness_opt.report.summary import summary
 from oracles.problems import shipped
 

@@ -14,6 +14,7 @@ from harness_opt.rod.boundary import case
 from harness_opt.rod.collocation import BoundCollocation
 from harness_opt.statics.continuation import follow
 from harness_opt.statics.solve import error_estimate, resample, solve_on
+from oracles.flap import FLAP
 from oracles.reference import CASES, G, cable, ends, table
 
 DOWN = np.array([0.0, 0.0, -G])
@@ -123,3 +124,18 @@ def test_a_path_may_end_where_it_began():
     back, reached = follow(there_and_back, solved, 0.0, 1.0, "gauss-newton")
     assert reached == 1.0
     assert np.max(np.abs(back.rod.sample(solved.rod.mesh).r - solved.rod.r)) < 1e-8
+
+
+def test_frames_between_frames_are_found_from_these_alone(tmp_path, monkeypatch):
+    """An untwisted end was fitted for the motion: a certificate needs no second first shape."""
+    (tmp_path / "flap.toml").write_text(FLAP.replace("tangent = [0, 0, 1]", 'tangent = [0, 0, 1], roll = "untwisted"'))
+    motion = ho.simulate(ho.read_problem(tmp_path / "flap.toml"))
+    assert motion.problem.cables["lead"].untwisted is not None
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("a first shape was looked for")
+
+    for where in ("harness_opt.motion.cases.fit", "harness_opt.motion.cases.cold_start"):
+        monkeypatch.setattr(where, never)
+    found = ho.clearances(motion)
+    assert sum(found.inserted.values()) > 0 and all(pair.certified for pair in found.pairs)

@@ -12,6 +12,8 @@ import trimesh
 from harness_opt.errors import ProblemError
 from harness_opt.model.parts import Box, MeshFile, Part, Sphere
 from harness_opt.numerics import rotations
+from harness_opt.numerics.vectors import lengths
+from harness_opt.parts import mesh_headers
 from harness_opt.parts.nearest import Shell
 from harness_opt.parts.scene import load_scene
 from oracles.scenes import MESHES, POSE, SHAPES, load_mesh, problem_with
@@ -134,6 +136,66 @@ def test_large_mesh_in_clusters(tmp_path, rng):
     assert np.array_equal(distance < 0, np.abs(geometry.winding_number(points)) > 0.5)
 
 
+def _ball(tmp_path, monkeypatch, most: int):
+    """A ball of 5,120 triangles, of which one of coal's trees holds at most so many."""
+    monkeypatch.setattr("harness_opt.parts.nearest.ONE_TREE", most)
+    geometry = load_mesh(trimesh.creation.icosphere(subdivisions=4, radius=40), tmp_path)
+    assert (len(geometry.shell.query._trees) > 1) == (most < len(geometry.faces))
+    return geometry
+
+
+def test_a_large_mesh_in_many_trees(tmp_path, rng, monkeypatch):
+    """Distances of points, chords and boxes are those of one tree, and those of every triangle."""
+    geometry, whole = _ball(tmp_path, monkeypatch, 1000), _ball(tmp_path, monkeypatch, 10**6)
+    line = [0.041, 0.0, 0.0] + np.linspace(0, 0.03, 200)[:, None] * [0.0, 1.0, 0.5]
+    points = np.concatenate([rng.uniform(-0.1, 0.1, (200, 3)), line, rng.normal(size=(20, 3)) * 1e-6])
+    distance, nearest, _ = geometry.shell.nearest(points)
+    np.testing.assert_allclose(distance, _brute(geometry.shell, points), atol=1e-14)
+    np.testing.assert_allclose(lengths(points - nearest), distance, atol=1e-14)
+    start = rng.uniform(-0.1, 0.1, (200, 3))
+    end = start + 0.01 * rng.normal(size=(200, 3))
+    clear = geometry.shell.query.chords(start, end)
+    np.testing.assert_allclose(clear, whole.shell.query.chords(start, end), atol=1e-14)
+    corners = np.stack([start, end, start + np.array([0.0, 0.01, 0.0])], axis=1)
+    boxes = (made.shell.query.boxes(corners, corners.mean(axis=1)) for made in (geometry, whole))
+    np.testing.assert_allclose(*(np.maximum(found, 0.0) for found in boxes), atol=1e-10)
+    assert len(geometry.shell.bundles) == 64
+    assert np.array_equal(np.sort(np.concatenate(geometry.shell.bundles)), np.arange(len(geometry.faces)))
+
+
+def test_trees_are_made_of_what_is_near(tmp_path, monkeypatch):
+    geometry = _ball(tmp_path, monkeypatch, 1000)
+    query, made = geometry.shell.query, []
+    make = type(query)._tree
+    monkeypatch.setattr(type(query), "_tree", lambda self, k: (made.append(k), make(self, k))[1])
+    geometry.shell.nearest([0.041, 0.0, 0.0] + np.linspace(0, 0.001, 50)[:, None] * [0.0, 1.0, 0.5])
+    assert 0 < len(set(made)) < 10
+
+
+def test_what_one_of_many_trees_does_not_know_is_asked_again(tmp_path, rng, monkeypatch):
+    geometry = _ball(tmp_path, monkeypatch, 1000)
+    points = rng.uniform(-0.1, 0.1, (20, 3))
+    query = geometry.shell.query
+
+    class Astray:
+        """coal, whose every second answer is no number."""
+
+        def __init__(self):
+            self.asked = 0
+
+        def __getattr__(self, name):
+            return getattr(coal, name)
+
+        def distance(self, *given):
+            self.asked += 1
+            return np.nan if self.asked % 2 else coal.distance(*given)
+
+    coal = query._coal
+    query._coal = Astray()
+    distance, _, _ = geometry.shell.nearest(points)
+    np.testing.assert_allclose(distance, _brute(geometry.shell, points), atol=1e-14)
+
+
 def test_five_states_of_one_mesh(tmp_path, rng):
     """Closed, inside out, with flat faces, in millimetres: the same solid. Open: a shell, and only on request."""
     pytest.importorskip("manifold3d")
@@ -210,7 +272,7 @@ def test_primitives_against_fine_meshes_and_coal(name, rng):
         assert d == pytest.approx(wanted, abs=1e-12)
     np.testing.assert_allclose(points - distance[:, None] * gradient, nearest, atol=1e-14)
     np.testing.assert_allclose(geometry.signed_distance(nearest)[0], 0.0, atol=1e-14)
-    np.testing.assert_allclose(geometry.lower_bound(points), distance, atol=1e-15)
+    assert np.array_equal(geometry.lower_bound(points), distance)
     _check_gradient(geometry, points)
     # the box that holds the part: touched on all sides, never left
     surface = nearest[np.abs(distance) > 0]
@@ -296,12 +358,12 @@ def test_too_many_triangles_are_refused(tmp_path, monkeypatch):
 
 
 def test_too_many_triangles_are_refused_before_they_are_read(tmp_path):
-    """A binary STL file says how many it has: eight million and one need not be held first."""
-    path, count = tmp_path / "huge.stl", 8_000_001
+    """A binary STL file says how many it has: as many as are too many need not be held first."""
+    path, count = tmp_path / "huge.stl", mesh_headers.MOST_FACES + 1
     with path.open("wb") as file:
         file.write(bytes(80) + count.to_bytes(4, "little"))
         file.truncate(84 + 50 * count)  # nothing is written: the disk keeps a hole
-    with pytest.raises(ProblemError, match=r"found 8,000,001 triangles, expected at most 8,000,000"):
+    with pytest.raises(ProblemError, match=r"found 7,500,001 triangles, expected at most 7,500,000"):
         load_scene(problem_with(Part(MeshFile(path, "mm"))))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from harness_opt.numerics import rotations
 from harness_opt.rod.boundary import CLAMPED
-from harness_opt.rod.link import links, turns_lost, twist, writhe
+from harness_opt.rod.link import links, links_of_curve, turns_lost, twist, writhe
 
 CLOSE = 2e-3  # turns: of polygons of some hundred sides, whose error falls with the square of these
 
@@ -98,6 +98,7 @@ def test_what_passes_through_itself_loses_two_turns():
         points = np.stack([t - 3.0 * t * loop, 2.0 * loop, side * 0.2 * t * loop], axis=1)
         section = frames(np.gradient(points, t, axis=0), np.tile([0.3, 0.2, 1.0], (len(t), 1)))
         found.append(links(t, section, points))
+        np.testing.assert_allclose(links_of_curve(t, section, points), found[-1], atol=0.02)  # on fewer points
     assert abs(turns_lost(CLAMPED, *found)) == 2
     assert turns_lost(CLAMPED, found[0], found[0] + 0.3) == 0
     assert turns_lost(CLAMPED._replace(end_swivels=True), *found) == 0

@@ -1,0 +1,154 @@
+"""What there is to say about a redesign, for people: what changed, what stands in the way, what limits cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from harness_opt.files.summary import ClampEntry, PriceEntry, RelaxationEntry, RobustEntry, Summary
+from harness_opt.model.limits import DEGREES, KIND_OF_KEY, MILLIMETRES, Unit, spoken
+
+LEAST_BOUGHT = 0.05  # of what the best variable buys, in its unit: less is not worth saying
+TRADES = 2  # variables named for each limit
+SAVED = {"change": ("{:.2g} % of the change", 100.0), "length": ("{:.2g} mm of length", 1e3)}
+
+
+def changes(summary: Summary) -> str:
+    """Return the variables before and after, a line each, and where the clamps that moved stand, as CAD wants it."""
+    found = summary.get("redesign")
+    if found is None:
+        return ""
+    lines = []
+    for name, variable in found["variables"].items():
+        after = "-" if variable["after"] is None else f"{variable['after']:.6g}"
+        unit = "deg" if name.endswith("_deg") else "m"
+        bounds = f"[{variable['lower']:g}, {variable['upper']:g}]"
+        lines.append(f"{name}: {variable['before']:.6g} -> {after} {unit}, within {bounds}")
+    for name, bow in found.get("bows", {}).items():
+        lines.append(
+            f"{name}.bow: to ({', '.join(f'{x:.3g}' for x in bow)}), the side to which it is laid at the start"
+        )
+    return "\n".join([*lines, *(clamp_words(clamp) for clamp in found.get("clamps", []))])
+
+
+def clamp_words(clamp: ClampEntry) -> str:
+    """Return where a clamp stands: ``lead.end in arm: at (30, 0, 18) mm, direction (1, 0, 0)``."""
+    parts = []
+    if clamp["position"] is not None:
+        parts.append(f"at ({', '.join(f'{1e3 * x:.6g}' for x in clamp['position'])}) mm")
+    if clamp["direction"] is not None:
+        parts.append(f"direction ({', '.join(f'{x:.5g}' for x in clamp['direction'])})")
+    return f"{clamp['name']} in {clamp['body']}: {', '.join(parts)}"
+
+
+def redesign_words(summary: Summary) -> Iterator[str]:
+    """Give what there is to say about a redesign beside its limits, a sentence each; nothing about a simulation."""
+    found = summary.get("redesign")
+    if found is None:
+        return
+    for name, moved in found.get("moved_inside", {}).items():
+        unit = _unit(name)
+        a, b = (f"{unit.factor * moved[key]:.6g} {unit.name}" for key in ("from", "to"))
+        why = "where what it follows puts it" if name in found["coupled"] else "inside its bounds"
+        yield f"{name} stood at {a}; the redesign began at {b}, {why}."
+    for name, by in found.get("too_short", {}).items():
+        words = f"was drawn {1e3 * by:.1f} mm too short to reach its clamps; the redesign began where it does"
+        yield f"Cable {spoken(name)} {words}."
+    if summary["status"] == "ok" and not found.get("optimal", True):
+        yield "A small further step might change less: the search ended before the conditions of an optimum held."
+    yield from _ways_out(found.get("in_the_way", []), found.get("in_the_way_together", []))
+    for cost in found.get("costs", []):
+        yield from _cost(cost)
+    yield from _robust(found.get("robust"))
+    curve = found.get("pareto")
+    if curve is not None:
+        held = sum(point["verified"] for point in curve["points"])
+        yield f"{held} verified designs trade {curve['first']} for {curve['second']}: see pareto.csv."
+
+
+def _unit(key: str, kind: str = "") -> Unit:
+    """Return the unit shown of a limit of ``kind``, or of the bound or variable ``key``."""
+    if kind in KIND_OF_KEY:
+        return KIND_OF_KEY[kind].unit
+    return DEGREES if key.endswith("_deg") else MILLIMETRES
+
+
+def _what(entry: RelaxationEntry | PriceEntry) -> str:
+    """Return what a relaxation or a cost is about: ``bend radius``, ``clearance to housing``, ``lead.length``."""
+    if entry["kind"] not in KIND_OF_KEY:
+        return entry["key"].removeprefix("design.variables.")
+    words = KIND_OF_KEY[entry["kind"]].words
+    return words if entry["part"] is None else f"{words} to {entry['part']}"
+
+
+def _ways_out(
+    entries: Sequence[RelaxationEntry], together: Sequence[tuple[RelaxationEntry, RelaxationEntry]]
+) -> Iterator[str]:
+    """Say what stands in each other's way, and what giving way in one limit or bound would do, or in two."""
+    if len(entries) > 1:
+        shares = [f"{_what(one)} ({100.0 * one['share']:.0f} %)" for one in entries]
+        yield f"In each other's way: {', '.join(shares)}."
+    ways = [_way_out(entry) for entry in entries if entry["enough"] is not None]
+    if ways:
+        yield f"{'Either of these' if len(ways) > 1 else 'This'} alone would do: {'; '.join(ways)}."
+    rest = [_what(entry) for entry in entries if entry["enough"] is None]
+    if rest:
+        yield f"Giving way in one of these alone would not do: {'; '.join(dict.fromkeys(rest))}."
+    if together:
+        pairs = (" and ".join(_way_out(entry) for entry in pair) for pair in together)
+        yield f"Two together would do: {'; or '.join(pairs)}."
+
+
+def _way_out(entry: RelaxationEntry) -> str:
+    """Say what value of one limit or bound would do; one must have been found."""
+    unit, enough = _unit(entry["key"], entry["kind"]), entry["enough"] or 0.0
+    change = enough - entry["value"]
+    more = f"{abs(unit.factor * change):.3g} {unit.name} {'more' if change > 0 else 'less'}"
+    if entry["kind"] in KIND_OF_KEY:
+        return f"{more} {_what(entry)} ({entry['key']} = {enough:.6g})"
+    side = "up" if entry["kind"] == "upper" else "down"
+    return f"{more} {_what(entry)} (bound {side} to {enough:.6g})"
+
+
+def _cost(entry: PriceEntry) -> Iterator[str]:
+    """Say what a limit or bound costs, and what buys it."""
+    unit, kind = _unit(entry["key"], entry["kind"]), KIND_OF_KEY.get(entry["kind"])
+    words, share = SAVED.get(entry["of"], ("{:.2g} % of the worst margin's limit", 100.0))
+    saved = words.format(share * entry["saves"] * unit.step / unit.factor)
+    gains = "add" if entry["of"] == "margin" else "save"
+    # loads and twist hold below their limits, bounds give way to their own side
+    more = entry["kind"] == "upper" if kind is None else not kind.is_least
+    yield f"{unit.step:g} {unit.name} {'more' if more else 'less'} {_what(entry)} would {gains} {saved}."
+    yield from _bought(entry)
+
+
+def _bought(entry: PriceEntry) -> Iterator[str]:
+    unit = _unit(entry["key"], entry["kind"])
+    steps = {name: rate / _unit(name).factor * unit.factor for name, rate in entry["buys"].items()}
+    best = sorted(steps, key=lambda name: -abs(steps[name]))[:TRADES]
+    told = [
+        f"1 {_unit(name).name} {'more' if steps[name] > 0 else 'less'} {name} buys {abs(steps[name]):.2g} {unit.name}"
+        for name in best
+        if abs(steps[name]) > LEAST_BOUGHT * abs(steps[best[0]])
+    ]
+    if told:
+        yield f"Of {_what(entry)}, {', '.join(told)}."
+
+
+def _robust(found: RobustEntry | None) -> Iterator[str]:
+    """Say how a design fares within tolerances."""
+    if found is None or found["after"] is None:
+        return
+    held = "hold" if found["holds"] else "do not hold"
+    where = "at every corner" if found["hold"] == "corners" else f"for {_share(found['asked'])} of what is built"
+    yield f"Within the tolerances all limits {held} {where}, by linearised margins."
+    shares = ["?" if within is None else _share(within["share"]) for within in (found["before"], found["after"])]
+    yield f"Yield by linearised margins: {' -> '.join(shares)}."
+    for words, entry in (("Yield before", found["yield_before"]), ("Yield after", found["yield_after"])):
+        if entry is not None:
+            share = f"{_share(entry['share'])} +- {100.0 * entry['error']:.1f} %"
+            linear = _share(entry["linear"])
+            yield f"{words}, {entry['samples']} samples simulated: {share}; by linearised margins: {linear}."
+
+
+def _share(share: float) -> str:
+    return f"{100.0 * share:.1f} %"
