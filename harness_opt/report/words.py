@@ -19,7 +19,8 @@ from harness_opt.model.problem import Moments
 from harness_opt.report.redesign_words import changes, redesign_words
 
 ANSWERS = {"yes": "OK", "no": "VIOLATED", "uncertain": "UNCERTAIN"}
-HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "", "arc mm", "")
+HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "at", "motion", "arc mm", "")
+OWN, SHARE = 7, 8  # columns of HEAD: where the motion stands in its own unit, and its share of all
 WIDTH = 80  # characters of a line, at most where columns may be cut
 NARROWEST = 6  # characters to which a column is cut, if need be
 LEFT = {0, 1, 2, 6, 10}  # columns set to the left, the others to the right
@@ -41,13 +42,18 @@ def table(
     """
     if not limits:
         return ""
-    rows, left = [HEAD, *(_cells(row, moments) for row in limits)], LEFT
+    told = next((words for words in map(moments.short, (row["motion"] for row in limits)) if words), "")
+    head = (*HEAD[:OWN], told.partition(" ")[2], *HEAD[SHARE:])
+    rows, left = [head, *(_cells(row, moments) for row in limits)], LEFT
     if before is not None:
         worst = {row["id"]: _number(row["worst"], KIND_OF_KEY[row["name"]].unit.factor) for row in before}
         column = ["before", *(worst.get(row["id"], "-") for row in limits)]
         rows = [(*row[:4], old, *row[4:]) for row, old in zip(rows, column, strict=True)]
         rows[0] = tuple("after" if cell == "worst" else cell for cell in rows[0])
         left = {number + (number > 3) for number in LEFT}
+        if told:  # there is no room for both
+            rows = [(*row[: SHARE + 1], *row[SHARE + 2 :]) for row in rows]
+            left = {number - (number > SHARE) for number in left}
     return "\n".join(laid_out(rows, left, NAMES))
 
 
@@ -61,7 +67,7 @@ def _cells(row: LimitEntry, moments: Moments) -> tuple[str, ...]:
         _number(row["worst"], kind.unit.factor),
         _number(row["margin"], kind.unit.factor, "+"),
         kind.unit.name if row["worst"] is not None else "",
-        "" if row["worst"] is None else moments.short(row["motion"]),
+        "" if row["worst"] is None else moments.short(row["motion"]).partition(" ")[0],
         *where(row),
         ANSWERS[row["holds"]],
     )
