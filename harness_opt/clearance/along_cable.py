@@ -15,6 +15,7 @@ from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices, lengths
 from harness_opt.parts.scene import Scene
 
 FAR = 4.0  # limits, or diameters: a clearance beyond has the colour of what is far away
@@ -30,23 +31,23 @@ def far(problem: Problem) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points of a cable in one frame.
+    """Points of a cable in some frames.
 
     Args:
         cable: its name.
-        frame: of the motion.
+        frames: of the motion, (k,).
         s: arc lengths, m, (n,).
-        position: world, m, (n, 3).
+        position: world, m, (k, n, 3).
     """
 
     cable: str
-    frame: int
+    frames: Indices
     s: Array
     position: Array
 
 
 def clearance_along(motion: Motion, scene: Scene, pair: PairClearance, points: Points, reach: float) -> Array:
-    """Return the clearances (n,) in ``pair`` of points of one of its cables, m.
+    """Return the clearances (k, n) in ``pair`` of points of one of its cables, m.
 
     What lies farther than ``reach`` from a part is only told to lie farther: by some number above ``reach``.
 
@@ -56,31 +57,33 @@ def clearance_along(motion: Motion, scene: Scene, pair: PairClearance, points: P
         points: on one of the cables of ``pair``.
         reach: m.
     """
-    problem, name, frame = motion.problem, points.cable, points.frame
+    problem, name = motion.problem, points.cable
     own = problem.cables[name].cable
     if not pair.obstacle.is_cable:
         part = scene.parts[pair.obstacle.name]
-        position, q = problem.poses(part.body, motion.motion[frame])
-        local = rotations.rotate(rotations.conjugate(q[0]), points.position - position[0])
+        position, q = problem.poses(part.body, motion.motion[points.frames])
+        local = rotations.rotate(rotations.conjugate(q)[:, None], points.position - position[:, None]).reshape(-1, 3)
         clearance = part.lower_bound(local) - own.radius
         near = clearance <= reach
         if np.any(near):
             clearance[near] = part.signed_distance(local[near])[0] - own.radius
-        return clearance
+        return clearance.reshape(points.position.shape[:2])
     other = pair.obstacle.name if pair.cable == name else pair.cable
     shapes = motion.cables[other]
-    apart = np.linalg.norm(points.position[:, None] - shapes.position[frame], axis=-1)
-    if other == name:  # what is near along the cable is near, as `clearance.measure` says
-        gap = arc_apart(own.radius, problem.limits.clearance)
-        apart = np.where(np.abs(points.s[:, None] - shapes.s) < gap, np.inf, apart)
-    found: Array = apart.min(axis=1) - own.radius - problem.cables[other].cable.radius
-    return found
+    # what is near along the cable is near, as `clearance.measure` says
+    gap = arc_apart(own.radius, problem.limits.clearance) if other == name else 0.0
+    along = np.abs(points.s[:, None] - shapes.s) < gap
+    found = np.empty(points.position.shape[:2])
+    for row, frame in enumerate(points.frames):  # one at a time: all pairs of points of all frames are many
+        apart = lengths(points.position[row][:, None] - shapes.position[frame])
+        found[row] = np.where(along, np.inf, apart).min(axis=1)
+    return found - own.radius - problem.cables[other].cable.radius
 
 
 def states(
     motion: Motion, scene: Scene, pairs: Sequence[PairClearance], points: Points, reach: float
 ) -> tuple[Array, Array]:
-    """Return the smallest clearance (n,), m, and the state (n,) of points of a cable.
+    """Return the smallest clearance (k, n), m, and the state (k, n) of points of a cable.
 
     What lies in a stretch near a clamp that does not count is infinitely far. A state is :data:`TOUCHES` where
     the cable touches something, :data:`SHORT` where a clearance, the bend radius or the twist breaks its limit.
@@ -92,11 +95,11 @@ def states(
         reach: as for :func:`clearance_along`, m; at least all limits.
     """
     limits, shapes, name, s = motion.problem.limits, motion.cables[points.cable], points.cable, points.s
-    darboux = shapes.curvature[points.frame]
-    curvature = np.interp(s, shapes.s, np.linalg.norm(darboux[:, :2], axis=-1))
-    twist = np.interp(s, shapes.s, np.abs(darboux[:, 2]))
+    darboux = shapes.curvature[points.frames]
+    curvature = _interpolated(s, shapes.s, np.linalg.norm(darboux[..., :2], axis=-1))
+    twist = _interpolated(s, shapes.s, np.abs(darboux[..., 2]))
     short = (curvature * (limits.bend_radius or 0.0) > 1.0) | (twist > (limits.twist or math.inf))
-    nearest = np.full(len(s), np.inf)
+    nearest = np.full(short.shape, np.inf)
     for pair in pairs:
         if name != pair.cable and pair.obstacle != Obstacle(name, is_cable=True):
             continue
@@ -105,3 +108,10 @@ def states(
         nearest = np.minimum(nearest, clearance)
         short |= clearance < (pair.limit or 0.0)
     return nearest, np.where(nearest < 0, TOUCHES, np.where(short, SHORT, FINE))
+
+
+def _interpolated(s: Array, stations: Array, values: Array) -> Array:
+    """Return ``values`` (k, N) at ``stations`` (N,), read at ``s`` (n,), (k, n)."""
+    if s is stations:
+        return values
+    return np.stack([np.interp(s, stations, row) for row in values])

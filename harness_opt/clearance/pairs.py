@@ -135,6 +135,12 @@ class ClearanceResult:
     cable_limits: tuple[LimitResult, ...] | None = None
     whole: bool = True
 
+    def __repr__(self) -> str:
+        """Return one line."""
+        nearest = min(self.pairs, key=lambda pair: pair.worst, default=None)
+        told = "none" if nearest is None else f"{1e3 * nearest.worst:.3g} mm, {nearest.id.words}"
+        return f"<Clearances: {len(self.pairs)} pairs in {len(self.motion)} frames; smallest {told}>"
+
     @property
     def limits(self) -> tuple[LimitResult, ...]:
         """One row for each pair that has a limit."""

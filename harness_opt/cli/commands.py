@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from harness_opt.cli.ending import BAD_INPUT, DEBUG, code_of
+from harness_opt.cli.info import COMMANDS
 from harness_opt.cli.options import (
     Positive,
     compiling,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
 
-EXPORTS = ("paraview", "csv", "gltf", "stl")
+EXPORTS = ("paraview", "csv", "gltf", "stl", "dxf")
 MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
 EXPORT_FOLDER = "export"  # in a result folder
 
@@ -83,6 +84,7 @@ def commands() -> None:
 
     \b
     harness-opt check problems/lift_arm/lift_arm.toml
+    harness-opt preview problems/lift_arm/lift_arm.toml
     harness-opt simulate problems/lift_arm/lift_arm.toml
     harness-opt redesign problems/lift_arm/lift_arm.toml -o results/better
     harness-opt show results/better
@@ -292,15 +294,17 @@ def show(folder: Path) -> int:
 @click.option(
     "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
 )
-def export(folder: Path, kinds: tuple[str, ...], target: Path | None) -> int:
+@click.option("--unit", type=click.Choice(["m", "mm"]), default="m", help="Of STL and DXF files; m if left out.")
+def export(folder: Path, kinds: tuple[str, ...], target: Path | None, unit: str) -> int:
     """Write the result in DIR for other programs.
 
     paraview: motion.pvd, with curvature, clearance and loads as arrays; csv: a table of each cable's centreline in
-    every frame; gltf: motion.glb, animated; stl: the volume that each cable sweeps, for CAD.
+    every frame; gltf: motion.glb, animated; stl: the volume that each cable sweeps, for CAD; dxf: each centreline, for
+    CAD.
 
     \b
     harness-opt export results/lift_arm --to paraview --to csv
-    harness-opt export results/lift_arm --to stl -o for_cad
+    harness-opt export results/lift_arm --to stl --to dxf --unit mm -o for_cad
     """
     from harness_opt.files.result_folder import add_file
     from harness_opt.files.stored_results import read_results, within
@@ -310,7 +314,7 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None) -> int:
     place = target or within(folder, folder / EXPORT_FOLDER)
     try:
         for kind in kinds:
-            for line in export(folder, kind, place):
+            for line in export(folder, kind, place, unit):
                 say(line)
     except HarnessError as error:
         if isinstance(error, ProblemError):
@@ -322,61 +326,7 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None) -> int:
     return 0
 
 
-@commands.command()
-@click.argument("name", type=click.Path(path_type=Path))
-def new(name: Path) -> int:
-    """Write NAME.toml, a problem file with comments that runs as it stands, to change into your own.
-
-    \b
-    harness-opt new my_cable
-    harness-opt simulate my_cable.toml
-    """
-    from harness_opt.cli.template import write_template
-
-    file = write_template(name)
-    say(f"{file}\nNext: harness-opt check {file}, then harness-opt simulate {file}")
-    return 0
-
-
-@commands.command()
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> int:
-    """Print what makes SHELL complete commands, options and files.
-
-    \b
-    harness-opt completion bash >> ~/.bashrc
-    harness-opt completion fish > ~/.config/fish/completions/harness-opt.fish
-    """
-    from click.shell_completion import get_completion_class
-
-    complete = get_completion_class(shell)
-    if complete is None:
-        raise click.UsageError(f"found no completion for {shell}")
-    say(complete(commands, {}, "harness-opt", "_HARNESS_OPT_COMPLETE").source())
-    return 0
-
-
-@commands.command()
-@click.option("--results", "kind", flag_value="results", help="Of summary.json in a result folder.")
-@click.option("--study", "kind", flag_value="study", help="Of study files.")
-def schema(kind: str | None) -> int:
-    """Print the JSON Schema of problem files, for editors; of results and of study files, where asked.
-
-    \b
-    harness-opt schema > problem.schema.json
-    harness-opt schema --results > summary.schema.json
-    """
-    import json
-
-    if kind == "results":
-        from harness_opt.files.summary import results_schema as wanted
-    elif kind == "study":
-        from harness_opt.studies.study_file import schema as wanted
-    else:
-        from harness_opt.files.read import schema as wanted
-    say(json.dumps(wanted(), indent=2))
-    return 0
-
-
+for _command in COMMANDS:
+    commands.add_command(_command)
 for _command in (commands, *commands.commands.values()):
     debugging(_command)

@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import itertools
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -362,4 +363,7 @@ def remedied(error: Exception) -> str:
     """Return the first line of an error about pictures, and what to do about it."""
     words = next(iter(str(error).splitlines()), "") or type(error).__name__
     missing = isinstance(error, ImportError) or isinstance(error.__cause__, ImportError)
-    return words if isinstance(error, HarnessError) and not missing else f"{words}; try {REMEDY}"
+    if isinstance(error, HarnessError) and not missing:
+        return words
+    named = re.search(r"harness-opt\[(\w+)\]", words)
+    return f"{words}; try {REMEDY if named is None else REMEDY.replace('pictures', named[1])}"

@@ -121,7 +121,7 @@ def _scaled(effect: Effect, factor: float) -> Effect:
 
 def _lines(effects: Sequence[Effect], unit: str) -> list[str]:
     """Return the ranking as a table."""
-    from harness_opt.report.text_table import laid_out
+    from harness_opt.report.words import laid_out
 
     within = any(effect.tolerance is not None for effect in effects)
     head = ["quantity", f"{unit} per", "", *(["tolerance", "", unit] if within else [])]

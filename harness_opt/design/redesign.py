@@ -31,7 +31,7 @@ from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import design_variables
 from harness_opt.model.design import Robust
 from harness_opt.model.limits import LimitId
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Problem, given_problem
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.motion.follower import Progress
 from harness_opt.numerics.rotations import Array
@@ -75,7 +75,7 @@ def redesign(
             tolerances that no problem can have.
         SolveError: no design that was looked at within the bounds can be simulated.
     """
-    robust = problem.robust
+    robust = given_problem(problem).robust
     if robust is None:
         return nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, throw=throw

@@ -13,7 +13,7 @@ from harness_opt.design.trade_off import TradeOff
 from harness_opt.errors import Status
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import LimitResult, Motion
+from harness_opt.model.results import LimitResult, Motion, notebook_html
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,16 @@ class Redesign:
     timing: Mapping[str, float] = field(default_factory=dict)
     trade_off: TradeOff | None = None
     robust: Robustness | None = None
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        told = "all limits hold" if self.feasible and self.ok else self.message or "not all limits hold"
+        moved = [f"{n} {v.before:.6g} -> {v.after:.6g}" for n, v in self.variables.items() if v.after != v.before]
+        return f"<Redesign: {told}; {', '.join(moved) or 'nothing changed'}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the verdict, the limits, a small picture."""
+        return notebook_html(self)
 
     @property
     def violation(self) -> float:

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness_opt.files.values import one_of, shown
+from harness_opt.model.checks import one_of, shown
 
 REMOTE = re.compile(r"[\\/]{2}")  # begins the name of a file on another computer, which merely asking for it contacts
 MEGABYTE = 10**6

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.values import LARGEST, QUATERNION_TOLERANCE, shown
+from harness_opt.files.values import QUATERNION_TOLERANCE
 from harness_opt.model.bodies import SHORTEST, Poses
+from harness_opt.model.checks import LARGEST, shown
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 

@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.checks import mistakes_between
+from harness_opt.files.beside import mistakes_of_limits, mistakes_of_parts, with_cables
 from harness_opt.files.places import Places
 from harness_opt.files.quantity_keys import PERCENT, TURNS, Quantity, known, unknown
 from harness_opt.files.read import content_of, parse_problem, problem_from, toml_tables
 from harness_opt.files.schema import ProblemTable, structured
-from harness_opt.files.values import KeyPath, dotted
 from harness_opt.files.write import problem_text
 from harness_opt.model import design_variables
+from harness_opt.model.between import mistakes_between
 from harness_opt.model.bodies import Poses
+from harness_opt.model.checks import KeyPath, dotted
 from harness_opt.model.design import Design, Variable
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.problem import Problem
@@ -44,10 +45,10 @@ class Quantities(Mapping[str, Quantity]):
     """
 
     def __init__(self, tree: Tree, file: Path, folders: Iterable[str | os.PathLike[str]] = ()):
-        self.tree, self.file = tree, file
-        self.places = Places.around(file.parent, folders)
+        self.file, self.places = file, Places.around(file.parent, folders)
+        self.tree = with_cables(tree, self.places, file)[0]  # what is wrong there, the next line says
         problem_from(tree, self.places, file)  # says what is wrong with the file, if anything
-        self._known = known(ProblemTable.model_validate(tree))
+        self._known = known(ProblemTable.model_validate(self.tree))
 
     def __getitem__(self, key: str) -> Quantity:
         """Return the quantity called ``key``.
@@ -112,7 +113,8 @@ class Quantities(Mapping[str, Quantity]):
             _, tree, wrong = structured(self.changed(values))
         except ProblemError as error:
             return list(error.mistakes)
-        return [f"{dotted(path)}: {words}" for path, words in (*wrong, *mistakes_between(tree, self.places))]
+        wrong += [*mistakes_between(tree), *mistakes_of_parts(tree, self.places), *mistakes_of_limits(tree)]
+        return [f"{dotted(path)}: {words}" for path, words in wrong]
 
 
 def quantities_of(
@@ -177,14 +179,14 @@ def _turned(problem: Problem, turns: Sequence[tuple[Quantity, float]]) -> Proble
     clamps = [(".".join((*quantity.path[1:], quantity.change)), angle) for quantity, angle in turns if _clamp(quantity)]
     if clamps:
         variables = tuple(Variable(name, angle, angle) for name, angle in clamps)
-        given = dataclasses.replace(problem, design=Design(variables=variables))
+        given = problem.changed(design=Design(variables=variables))
         turned = design_variables.apply(given, [angle for _, angle in clamps])
-        problem = dataclasses.replace(problem, cables=turned.cables)
+        problem = problem.changed(cables=turned.cables)
     parts = dict(problem.parts)
     for name in dict.fromkeys(quantity.path[1] for quantity, _ in turns if not _clamp(quantity)):
         angles = {TURNS[q.change]: angle for q, angle in turns if q.path == ("parts", name)}
         parts[name] = _turned_part(parts[name], angles)
-    return dataclasses.replace(problem, parts=parts)
+    return problem.changed(parts=parts)
 
 
 def _clamp(quantity: Quantity) -> bool:

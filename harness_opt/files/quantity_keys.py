@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.checks import SIDES
 from harness_opt.files.schema import ProblemTable, RobustTable
 from harness_opt.files.tolerance_table import tolerance
-from harness_opt.files.values import KeyPath, Mistake, dotted, one_of
+from harness_opt.model.between import SIDES
+from harness_opt.model.checks import KeyPath, Mistake, dotted, one_of
 
 COMPONENTS = {3: "xyz", 4: "wxyz"}  # names of the entries of a list, by its length; others are numbered
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")

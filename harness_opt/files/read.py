@@ -6,13 +6,14 @@ Every mistake met on the way is gathered and raised as one :class:`~harness_opt.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import math
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +21,21 @@ from pydantic import TypeAdapter, ValidationError
 
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
-from harness_opt.files.checks import Tree, mistakes_between, table
+from harness_opt.files.beside import bend_radius, mistakes_of_limits, mistakes_of_parts, with_cables
 from harness_opt.files.places import MEGABYTE, Places, unreadable
 from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
 from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
-from harness_opt.files.values import Mistake, coupling, dotted, shown
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
+from harness_opt.model.between import Tree, mistakes_between, table
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
 from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.checks import Mistake, coupling, dotted, shown
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
-from harness_opt.model.reach import too_short
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
 
@@ -44,6 +45,7 @@ DEEPEST = 32  # tables within tables; none of ours lies deeper than five
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""  # of a dotted key, bare or quoted
 LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PART}[.\]=]")
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
+_OWN, _OF_A_STUDY = {"cables", "bodies", "parts"}, {"vary", "variants", "problem"}  # tables of either kind of file
 NEAR = 20  # letters that are shown around one that cannot be written
 MOST_MISTAKES = 200  # that are told one by one
 MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
@@ -144,8 +146,15 @@ def problem_from(
     raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
 ) -> Problem:
     """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
+    if not _OWN & raw.keys() and _OF_A_STUDY & raw.keys():
+        raise ProblemError(
+            f"{file}: found a study, expected a problem file; a study is run by: harness-opt study {file}"
+        )
+    raw, of_libraries = with_cables(raw, places, places.folder / file.name)
     tables, tree, mistakes = file_schema.structured(raw)
-    mistakes += mistakes_between(tree, places)
+    told = {path for path, _ in of_libraries}
+    mistakes = [*of_libraries, *(mistake for mistake in mistakes if mistake[0] not in told)]
+    mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
     motions, wrong = _motions(tree, places, pending or {})
     mistakes += wrong
     if tables is not None and tables.robust is not None:
@@ -154,12 +163,28 @@ def problem_from(
         lines = [f"{file}: {dotted(path)}: {words}" for path, words in mistakes[:MOST_MISTAKES]]
         left = len(mistakes) - len(lines)
         raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
-    problem = Problem(
+    with naming(file):
+        return _problem(tables, motions, places, file)
+
+
+@contextlib.contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Put the name of ``file`` before mistakes that come without."""
+    try:
+        yield
+    except ProblemError as error:
+        raise ProblemError(f"{file}: {line}" for line in error.mistakes) from None
+
+
+def _problem(
+    tables: file_schema.ProblemTable, motions: Mapping[str, BodyMotion | None], places: Places, file: Path
+) -> Problem:
+    return Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
         bodies={name: Body(motions[name]) for name in tables.bodies},
         parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
-        limits=_limits(tables.limits),
+        limits=_limits(tables),
         design=_design(tables.design),
         robust=_robust(tables.robust),
         duration=tables.motion.duration,
@@ -168,11 +193,6 @@ def problem_from(
         title=tables.title,
         file=places.folder / file.name,
     )
-    # what a redesign may lengthen or move is for a simulation to refuse
-    fixed = [name for name in problem.cables if not any(key.startswith(f"{name}.") for key in tables.design.variables)]
-    if short := too_short(problem, fixed):
-        raise ProblemError(f"{file}: {line}" for line in short.values())
-    return problem
 
 
 def toml_tables(content: bytes, file: Path) -> dict[str, Any]:
@@ -314,11 +334,12 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
     return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
 
 
-def _limits(limits: file_schema.LimitsTable) -> Limits:
+def _limits(tables: file_schema.ProblemTable) -> Limits:
+    limits = tables.limits
     twist = limits.twist_deg_per_m
     return Limits(
         clearance=limits.clearance,
-        bend_radius=limits.bend_radius,
+        bend_radius=bend_radius(limits, tables.cables),
         twist=None if twist is None else math.radians(twist),
         clamp_force=limits.clamp_force,
         clamp_moment=limits.clamp_moment,

@@ -13,15 +13,14 @@ from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationEr
 
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
+    BendFactor,
     Bending,
     Bounds,
     Digest,
     Direction,
     Expected,
     Flag,
-    KeyPath,
     MeshUnit,
-    Mistake,
     MotionValue,
     NotNegative,
     Number,
@@ -37,16 +36,14 @@ from harness_opt.files.values import (
     UpAxis,
     Vector,
     Whole,
-    one_of,
     only_integer,
     schema_of,
-    shown,
 )
+from harness_opt.model.between import INVALID
+from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
 
 UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
 MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
-
-INVALID = object()  # stands in a checked tree for a value that a message already names
 
 
 def _not_both(*keys: str) -> list[JsonValue]:
@@ -110,12 +107,11 @@ class CableTable(Table):
 
     length: Positive = Field(description="Of the centreline, m.")
     diameter: Positive = Field(description="Outer diameter, m.")
+    from_: Text | None = Field(default=None, alias="from", description="Cable of a library: my_cables.toml#NAME.")
+    bend_radius_factors: dict[str, Positive] = Field(default_factory=dict, description="Bend limits by use, diameters.")
     bending_stiffness: Bending = Field(description="N m2; one number, or [kx, ky] about d1 and d2 of a flat section.")
     torsional_stiffness: Positive = Field(description="kz, about the tangent, N m2.")
-    density: NotNegative | None = Field(
-        default=None,
-        description="kg/m3, of the full circle of the diameter; or mass_per_length; neither is weightless.",
-    )
+    density: NotNegative | None = Field(default=None, description="kg/m3 of the full circle; or mass_per_length.")
     mass_per_length: NotNegative | None = Field(default=None, description="kg/m; or density; neither is weightless.")
     rest_curvature: Vector = Field(
         default=(0.0, 0.0, 0.0),
@@ -253,6 +249,7 @@ class LimitsTable(Table):
         default=None, description="Between the cable's surface and parts, other cables and itself, m."
     )
     bend_radius: Positive | None = Field(default=None, description="Smallest radius of the centreline, m.")
+    bend_radius_factor: BendFactor | None = Field(default=None, description="The same in diameters, or by use.")
     twist_deg_per_m: Positive | None = Field(default=None, description="Largest twist per length, degrees/m.")
     clamp_force: Positive | None = Field(default=None, description="Largest force at a clamp, N.")
     clamp_moment: Positive | None = Field(default=None, description="Largest moment at a clamp, N m.")

@@ -11,8 +11,8 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from harness_opt.model.limits import KIND_OF_KEY, LimitId, LimitKind, Obstacle
+from harness_opt.model.problem import Moments, Travel
 from harness_opt.model.results import Holds, LimitResult
-from harness_opt.model.travel import Moments, Travel
 
 Json = dict[str, Any]
 Command = Literal["simulate", "redesign"]

@@ -47,17 +47,26 @@ class Cable:
     rest_curvature: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for name in ("length", "diameter", "torsional_stiffness"):
-            object.__setattr__(self, name, checks.positive(name, getattr(self, name)))
-        object.__setattr__(self, "mass_per_length", checks.positive("mass_per_length", self.mass_per_length, zero=True))
+        found = checks.Gathered()
+        for name in ("length", "diameter", "torsional_stiffness", "mass_per_length"):
+            with found:
+                value = checks.positive(name, getattr(self, name), zero=name == "mass_per_length")
+                object.__setattr__(self, name, value)
+        with found:
+            object.__setattr__(self, "bending_stiffness", self._bending())
+        with found:
+            object.__setattr__(self, "rest_curvature", checks.numbers("rest_curvature", self.rest_curvature, 3))
+        found.raised()
+
+    def _bending(self) -> float | tuple[float, float]:
+        """Return the bending stiffness, checked."""
         if np.ndim(self.bending_stiffness) == 0:
             bending = checks.positive("bending_stiffness", self.bending_stiffness)  # type: ignore[arg-type]
         else:
             bending = checks.numbers("bending_stiffness", self.bending_stiffness, 2)  # type: ignore[assignment]
             for value in bending:  # type: ignore[attr-defined]
                 checks.positive("bending_stiffness", value)
-        object.__setattr__(self, "bending_stiffness", bending)
-        object.__setattr__(self, "rest_curvature", checks.numbers("rest_curvature", self.rest_curvature, 3))
+        return bending
 
     @property
     def stiffness(self) -> Array:
@@ -135,6 +144,7 @@ class End:
             object.__setattr__(self, "let_off", checks.positive("let_off", self.let_off, zero=True))
         if self.holders is not None:
             object.__setattr__(self, "holders", tuple(self.holders))
+        found = checks.Gathered()
         for given, load in (
             ("position", "force"),
             ("quaternion", "moment"),
@@ -144,13 +154,17 @@ class End:
             ("roll", "roll_deg"),
         ):
             if getattr(self, given) is not None and getattr(self, load) is not None:
-                raise ProblemError(f"{load}: an end takes {given} or {load}, found both")
+                found.told.append(f"{load}: found {given} as well, expected {given} or {load}")
         for name in ("position", "force", "moment"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, checks.numbers(name, getattr(self, name), 3))
+                with found:
+                    object.__setattr__(self, name, checks.numbers(name, getattr(self, name), 3))
         if self.quaternion is not None:
-            object.__setattr__(self, "quaternion", checks.quaternion("quaternion", self.quaternion))
-        self._check_roll()
+            with found:
+                object.__setattr__(self, "quaternion", checks.quaternion("quaternion", self.quaternion))
+        with found:
+            self._check_roll()
+        found.raised()
 
     def _check_roll(self) -> None:
         """Check the tangent, what is said of the roll about it, and the turns."""

@@ -2,26 +2,72 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
+from harness_opt.model.limits import quoted
 from harness_opt.numerics import rotations
 
+KeyPath = tuple[str, ...]  # the keys that lead to a value
+Mistake = tuple[KeyPath, str]  # where, and "found ..., expected ..."
+
+LONGEST_SHOWN = 60  # characters of a wrong value that a message repeats
+LARGEST = 1e100  # of any number, in any unit: squares and products of two or three must not overflow
+
+COUPLING = re.compile(
+    r"\s*=\s*(?:(?P<factor>[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\*\s*|(?P<minus>-)\s*)?"
+    r"(?P<leader>.+?\.(?:length|(?:start|end)\.(?:position\.[xyz]|rotate_[xyz]_deg)))"
+    r"(?:\s*(?P<sign>[-+])\s*(?P<offset>[\d.]+(?:[eE][-+]?\d+)?))?\s*"
+)
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+_COUNTED = {3: "[x, y, z], three numbers", 4: "[w, x, y, z], four numbers of a unit quaternion"}
+
+
+class Gathered:
+    """Gathers mistakes: each ``with`` of it ends with the one that was raised inside, and goes on.
+
+    >>> found = Gathered()
+    >>> with found:
+    ...     positive("length", -1)
+    >>> found.told
+    ['length: found -1, expected a number above 0']
+    """
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def __enter__(self) -> Gathered:
+        return self
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> bool:
+        if not isinstance(error, ProblemError):
+            return False
+        self.told += error.mistakes
+        return True
+
+    def raised(self) -> None:
+        """Raise all of them, if there are any."""
+        if self.told:
+            raise ProblemError(self.told)
 
 
 def numbers(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
     """Return ``value`` as ``count`` finite floats, or raise ProblemError naming ``name``."""
+    wanted = _COUNTED.get(count, f"{count} finite numbers")
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise ProblemError(f"{name}: found {value!r}, expected {count} numbers") from None
+        raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}") from None
     if array.shape != (count,) or not np.all(np.isfinite(array)):
-        raise ProblemError(f"{name}: found {value!r}, expected {count} finite numbers")
+        raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}")
     return tuple(array.tolist())
 
 
@@ -30,7 +76,8 @@ def quaternion(name: str, value: ArrayLike) -> Quaternion:
     unit_tolerance = 1e-6  # largest | |q| - 1 | that is taken as rounding of a typed unit quaternion
     q = numbers(name, value, 4)
     if abs(math.hypot(*q) - 1.0) > unit_tolerance:
-        raise ProblemError(f"{name}: found a quaternion of length {math.hypot(*q):.6g}, expected a unit quaternion")
+        words = f"expected a unit quaternion [w, x, y, z] (this one is {math.hypot(*q):.6g} long)"
+        raise ProblemError(f"{name}: found {shown(value)}, {words}")
     return tuple(rotations.unit(q).tolist())
 
 
@@ -38,9 +85,9 @@ def positive(name: str, value: float, *, zero: bool = False) -> float:
     """Return ``value`` as a finite number above 0 (or, with ``zero``, of at least 0), or raise ProblemError."""
     wanted = "a number of at least 0" if zero else "a number above 0"
     if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
-        raise ProblemError(f"{name}: found {value!r}, expected {wanted}")
+        raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}")
     if not math.isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise ProblemError(f"{name}: found {value!r}, expected {wanted}")
+        raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}")
     return float(value)
 
 
@@ -48,5 +95,55 @@ def direction(name: str, value: ArrayLike) -> Vector:
     """Return ``value`` as a vector that is not zero, or raise ProblemError naming ``name``."""
     vector = numbers(name, value, 3)
     if not any(vector):
-        raise ProblemError(f"{name}: found {value!r}, expected a direction, not a zero vector")
+        raise ProblemError(f"{name}: found {shown(value)}, expected a direction, not a zero vector")
     return vector  # type: ignore[return-value]
+
+
+# --- how a mistake is told: the keys that lead to it, what was found, what is expected ----------------------
+
+
+def shown(value: object) -> str:
+    """Return ``value`` as a user would type it in TOML, at most :data:`LONGEST_SHOWN` characters."""
+    if isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, Mapping):
+        return "a table"
+    elif isinstance(value, (list, tuple)):
+        text = "[" + ", ".join(shown(item) for item in value[:LONGEST_SHOWN]) + "]"
+    elif isinstance(value, str):
+        text = json.dumps(value, ensure_ascii=False)
+    elif isinstance(value, int) and abs(value) > 10**LONGEST_SHOWN:
+        # Python refuses to write out numbers of thousands of digits, which TOML's 0x... can hold
+        return f"a number of about {round(math.log10(abs(value)))} digits"
+    else:
+        text = str(value)
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+
+
+def dotted(path: KeyPath) -> str:
+    """Return the keys of ``path`` joined by dots, quoted where TOML asks for quotes."""
+    return ".".join(quoted(key) for key in path)
+
+
+def one_of(names: Iterable[str], asked: object = "") -> str:
+    """Return ``one of 'a', 'b'``, and which of ``names`` comes nearest to ``asked``."""
+    names = list(names)
+    listed = ", ".join(repr(name) for name in names[:12]) + (", ..." if len(names) > 12 else "")
+    near = get_close_matches(asked, names, n=1) if isinstance(asked, str) else []
+    return f"{'one of ' if len(names) > 1 else ''}{listed}" + (f"; did you mean {near[0]!r}?" if near else "")
+
+
+def coupling(text: str) -> tuple[str, float, float] | None:
+    """Return the variable that ``text`` names, the factor and the offset; None where it is of another form.
+
+    ``= NAME``, ``= -NAME``, ``= 2 * NAME``, each with ``+ 0.01`` or ``- 0.01`` behind or not.
+    """
+    found = COUPLING.fullmatch(text)
+    if found is None:
+        return None
+    try:
+        factor = float(found["factor"]) if found["factor"] else -1.0 if found["minus"] else 1.0
+        offset = float((found["sign"] or "") + (found["offset"] or "0"))
+    except ValueError:  # such as 1.2.3
+        return None
+    return (found["leader"], factor, offset) if max(abs(factor), abs(offset)) <= LARGEST else None

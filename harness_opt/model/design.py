@@ -8,6 +8,8 @@ from typing import Literal
 
 from harness_opt.model.tolerances import Tolerance
 
+Minimise = Literal["change", "length"]
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -76,7 +78,7 @@ class Design:
         seed: of the designs that it looks at.
     """
 
-    minimise: Literal["change", "length"] = "change"
+    minimise: Minimise = "change"
     variables: tuple[Variable, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     weights: Mapping[str, float] = field(default_factory=dict)

@@ -162,7 +162,7 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
     for (cable, side), angles in turns.items():
         end = _turned(getattr(runs[cable], side), angles)
         runs[cable] = dataclasses.replace(runs[cable], **{side: end})  # type: ignore[arg-type]
-    return dataclasses.replace(problem, cables=runs)
+    return problem.changed(cables=runs)
 
 
 def _turned(end: End, angles: dict[int, float]) -> End:

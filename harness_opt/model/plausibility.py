@@ -14,6 +14,7 @@ from harness_opt.model.bodies import Hinge, Slide
 from harness_opt.model.cable import Cable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
 THINNEST = 5e-5  # m, a thin human hair
@@ -28,13 +29,14 @@ MOST_RATIO = 100.0  # of torsional to bending stiffness, either way; a round rod
 STRONGEST = 25.0  # m/s2, gravity on Jupiter
 MOST_DEGREES = 3600.0  # of a hinge: ten turns
 LARGEST_PART = 100.0  # lengths of the longest cable
+MISTAKEN = 30.0  # between a length as meant, once or twice what it spans, and one in millimetres, a thousand times that
 SMALLEST_PART = 0.1  # diameters of the thinnest cable
 
 
 def doubts(problem: Problem) -> tuple[str, ...]:
     """Return what is hardly meant in ``problem``, a line each that begins with the key; nothing for most problems."""
     lines = [line for name, run in problem.cables.items() for line in _cable(f"cables.{name}", run.cable)]
-    return (*lines, *_surroundings(problem), *_limits(problem))
+    return (*lines, *_surroundings(problem), *_limits(problem), *_lengths(problem))
 
 
 def part_doubts(problem: Problem, name: str, size: Array) -> Iterator[str]:
@@ -104,6 +106,35 @@ def _surroundings(problem: Problem) -> Iterator[str]:
             yield f"{key}: found the same value at its begin and its end, so the body stands still"
         elif isinstance(motion, Hinge) and math.degrees(abs(motion.stop - motion.start)) > MOST_DEGREES:
             yield f"{key}: found {math.degrees(abs(motion.stop - motion.start)):g} degrees, more than ten turns"
+
+
+def _lengths(problem: Problem) -> Iterator[str]:
+    """Yield cables far longer than anything about them: the distance of their ends, their bounds, the parts."""
+    at = np.linspace(0.0, 1.0, 11)  # moments at which ends are looked at
+    sizes = [_reach(part) for part in problem.parts.values() if not isinstance(part.shape, MeshFile)]
+    for name, run in problem.cables.items():
+        if run.start.position is None or run.end.position is None:
+            continue
+        first, last = (
+            position + rotations.rotate(quaternion, np.asarray(end.position))
+            for end in (run.start, run.end)
+            for position, quaternion in (problem.poses(end.body, at),)
+        )
+        apart = float(np.max(np.linalg.norm(last - first, axis=1)))
+        bounds = [variable.upper for variable in problem.design.variables if variable.name == f"{name}.length"]
+        largest = max([apart, *sizes, *bounds])
+        if 0 < MISTAKEN * largest < run.cable.length:
+            words = f"found {run.cable.length:g} m, where its ends are at most {apart:.3g} m apart"
+            yield f"cables.{name}.length: {words}; lengths are in metres"
+
+
+def _reach(part: Part) -> float:
+    """Return about how large a solid is, m."""
+    shape = part.shape
+    if isinstance(shape, Box):
+        return math.hypot(*shape.size)
+    assert not isinstance(shape, MeshFile)
+    return 2.0 * shape.radius + float(getattr(shape, "length", 0.0))
 
 
 def _limits(problem: Problem) -> Iterator[str]:

@@ -6,21 +6,29 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 
 from __future__ import annotations
 
+import copy
+import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.model import checks
-from harness_opt.model.bodies import WORLD, Body, Poses, Rates
+from harness_opt.errors import ProblemError
+from harness_opt.model.between import mistakes_of
+from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.design import Design, Limits, Robust
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
+
+MOST_TOLD = 2  # bodies that are told one by one; of more, the time of the motion is
+DIGITS = {"deg": 1, "mm": 1, "s": 2}
 
 
 @dataclass(frozen=True)
@@ -58,10 +66,23 @@ class Problem:
     sha256: str | None = None
 
     def __post_init__(self) -> None:
-        checks.numbers("gravity", self.gravity, 3)
-        checks.positive("duration", self.duration)
-        if self.spatial_step is not None:
-            checks.positive("spatial_step", self.spatial_step)
+        mistakes = mistakes_of(self)
+        if mistakes:
+            raise ProblemError(mistakes)
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        names = ", ".join(self.cables)
+        moving = ", ".join(name for name, body in self.bodies.items() if body.motion is not None) or "none"
+        title = f"{self.title!r}, " if self.title else ""
+        return f"<Problem: {title}cables {names}; moving bodies {moving}; {len(self.parts)} parts>"
+
+    def changed(self, **parts: Any) -> Problem:
+        """Return a copy with ``parts`` in the place of what they are called, not checked again: for inner loops."""
+        other = copy.copy(self)
+        for name, value in parts.items():
+            object.__setattr__(other, name, value)
+        return other
 
     def body(self, name: str) -> Body:
         """Return the body called ``name``; "world" stands still."""
@@ -104,6 +125,20 @@ class Problem:
         return self.limits.clearance if own is None else own
 
 
+def given_problem(problem: object) -> Problem:
+    """Return ``problem``, or say what else it is.
+
+    Raises:
+        ProblemError: something else, such as the path of a file.
+    """
+    if isinstance(problem, Problem):
+        return problem
+    if isinstance(problem, (str, os.PathLike)):
+        path = os.fspath(problem)
+        raise ProblemError(f"problem: found the path {path!r}, expected a Problem: harness_opt.read_problem({path!r})")
+    raise ProblemError(f"problem: found {type(problem).__name__}, expected a Problem")
+
+
 def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) -> Problem:
     """Return ``problem`` with the ends of ``cable`` whose rolls were to be found clamped in ``frames``.
 
@@ -120,7 +155,7 @@ def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) ->
             held[side] = end.held(rotations.multiply(rotations.conjugate(body), rotations.normalise(frame)))
     if not held:
         return problem
-    return replace(problem, cables={**problem.cables, cable: replace(run, **held)})  # type: ignore[arg-type]
+    return problem.changed(cables={**problem.cables, cable: replace(run, **held)})  # type: ignore[arg-type]
 
 
 def input_files(problem: Problem) -> list[Path]:
@@ -178,3 +213,81 @@ def turns_about_its_clamps(problem: Problem, cable: str) -> bool:
     coaxial &= np.linalg.norm(np.cross(start, gap), axis=1) <= along * run.cable.length
     coaxial &= np.linalg.norm(end - start, axis=1) <= along
     return bool(np.any(coaxial))
+
+
+# --- what a motion is told in: degrees of a hinge, millimetres of a slide, seconds of a table of poses -----
+
+
+@dataclass(frozen=True)
+class Travel:
+    """The way of one body, which goes evenly with the motion value.
+
+    Args:
+        body: its name; empty for the time of the whole motion.
+        unit: "deg", "mm" or "s".
+        start, stop: where it begins and ends, in that unit.
+    """
+
+    body: str
+    unit: str
+    start: float
+    stop: float
+
+    def at(self, share: float) -> str:
+        """Return where it is at ``share`` of its way, 0 to 1, in words: ``55.0 deg``."""
+        value = self.start + share * (self.stop - self.start)
+        return f"{value:.{DIGITS[self.unit]}f} {self.unit}".replace("-0.0 ", "0.0 ")
+
+
+def travels(problem: Problem) -> tuple[Travel, ...]:
+    """Return the ways of the bodies that move."""
+    found = []
+    for name, body in problem.bodies.items():
+        motion = body.motion
+        if isinstance(motion, Hinge):
+            found.append(Travel(name, "deg", math.degrees(motion.start), math.degrees(motion.stop)))
+        elif isinstance(motion, Slide):
+            found.append(Travel(name, "mm", 1e3 * motion.start, 1e3 * motion.stop))
+        elif isinstance(motion, Poses):
+            found.append(Travel(name, "s", motion.times[0], motion.times[-1]))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Tells moments of a motion.
+
+    Args:
+        ways: of the bodies that move.
+        duration: of the motion, s.
+        out_and_back: whether it goes there and back.
+    """
+
+    ways: Sequence[Travel]
+    duration: float
+    out_and_back: bool = False
+
+    @staticmethod
+    def of(problem: Problem) -> Moments:
+        """Return what tells the moments of a problem's motion."""
+        return Moments(travels(problem), problem.duration, problem.out_and_back)
+
+    def short(self, motion: float) -> str:
+        """Return a moment, 0 to 1, in one unit: ``55.0 deg``; nothing where nothing moves."""
+        if not self.ways:
+            return ""
+        if len(self.ways) > 1:
+            return Travel("", "s", 0.0, self.duration).at(motion)
+        return self.ways[0].at(self._share(motion))
+
+    def words(self, motion: float) -> str:
+        """Return a moment, 0 to 1, in words: ``55.0 deg, 50.0 %``, with the bodies' names where two move."""
+        told = self.short(motion)
+        if 1 < len(self.ways) <= MOST_TOLD:
+            told = ", ".join(f"{way.body} {way.at(self._share(motion))}" for way in self.ways)
+        back = " on the way back" if self.out_and_back and motion > 0.5 else ""
+        share = f"{100 * motion:.1f} %"
+        return f"{told}{back}, {share}" if told else share
+
+    def _share(self, motion: float) -> float:
+        return 1.0 - abs(2.0 * motion - 1.0) if self.out_and_back else motion

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.model.cable import REACH_TOLERANCE
 from harness_opt.model.limits import quoted
-from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
+Problem = Any  # asks while it is made whether its cables reach
 SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
 

@@ -6,6 +6,7 @@ SI units, world coordinates unless said otherwise. P frames, N stations along th
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -179,6 +180,12 @@ class LimitResult:
         return self.id.kind.scale(self.limit, radius)
 
 
+def notebook_html(result: object) -> str:
+    """Return a result as a notebook shows it: the work of a floor above, which is asked for by name."""
+    room = importlib.import_module("harness_opt.report.html_page")
+    return str(room.for_notebook(result))
+
+
 @dataclass(frozen=True)
 class Motion:
     """A simulated motion: one shape a cable and frame.
@@ -205,6 +212,16 @@ class Motion:
     begun_through_themselves: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        told = "solved" if self.ok else self.status.value
+        snaps = f", {len(self.snaps)} snaps" if self.snaps else ""
+        return f"<Motion: {len(self.motion)} frames of {', '.join(self.problem.cables)}{snaps}; {told}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the verdict, the limits, a small picture."""
+        return notebook_html(self)
 
     @property
     def ok(self) -> bool:

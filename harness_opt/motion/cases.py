@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -33,12 +32,12 @@ class CableCases:
         self.run, self._gravity = problem.cables[name], np.asarray(problem.gravity)
         self.fitted: Fitted | None = None
         if self.run.untwisted is None:
-            self.problem = dataclasses.replace(problem, cables={**problem.cables, name: self.run.to_fit})
+            self.problem = problem.changed(cables={**problem.cables, name: self.run.to_fit})
             return
         if first is not None and self.run.fitted_at == 0.0:
             frames = (first.q[0], first.q[-1])
         else:
-            to_fit = dataclasses.replace(problem, cables={name: self.run.to_fit})
+            to_fit = problem.changed(cables={name: self.run.to_fit})
             placed = to_fit.ends(name, [self.run.fitted_at])[0]
             self.fitted = fit(self.run, placed, self._gravity, solver, near.solved if near else None)
             if self.fitted is None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.travel import Moments
+from harness_opt.model.problem import Moments
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import coarsened, on_mesh
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh, estimates

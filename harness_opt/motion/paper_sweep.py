@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Moments, Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed
-from harness_opt.model.travel import Moments
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.snaps import first_shape

@@ -5,7 +5,6 @@ The paper's dispersion, section 4.2: the trail of the moving clamp is cut into p
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -102,7 +101,7 @@ def clamp_twist(problem: Problem, name: str) -> float | None:
     from harness_opt.rod.link import twist
     from harness_opt.statics.cold_start import wound_curve
 
-    fixed = dataclasses.replace(problem, cables={name: run.to_fit})
+    fixed = problem.changed(cables={name: run.to_fit})
     posed = case(run.cable, *fixed.ends(name, [0.0])[0], np.asarray(problem.gravity))
     if not posed.boundary.kind.start_held == posed.boundary.kind.end_held == HELD:
         return None

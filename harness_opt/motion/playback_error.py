@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +62,7 @@ def display_error(motion: Motion, cable: str, temporal_step: float | None = None
     if not len(values):
         return dict.fromkeys(INTERPOLATIONS, DisplayError(0.0, 0.0, 0.0, 0.0, 0.0))
     together = np.union1d(frames, values)
-    there = simulate(dataclasses.replace(motion.problem, cables={cable: run}), frames=together).cables[cable]
+    there = simulate(motion.problem.changed(cables={cable: run}), frames=together).cables[cable]
     wanted = np.searchsorted(together, values)
     truth = there.position[wanted], rotations.matrix(there.quaternion[wanted])
     times = values * motion.problem.duration

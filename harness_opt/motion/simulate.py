@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model.methods import check_method
-from harness_opt.model.problem import Problem, left_out
+from harness_opt.model.problem import Problem, given_problem, left_out
 from harness_opt.model.reach import too_short
 from harness_opt.model.results import Followed, Motion, Snap
 from harness_opt.motion.follower import Progress
@@ -65,6 +65,7 @@ def simulate(  # noqa: PLR0913
             to 1; a spatial step and frames both.
         SolveError: a shape could not be found; ``partial`` is the motion until there.
     """
+    problem = given_problem(problem)
     check_method(transcription, solver)
     options = Quadrature(points, closure, solver, tolerance)
     if frames is None and (short := too_short(problem, problem.cables)):

@@ -20,7 +20,7 @@ from harness_opt.model.parts import MeshFile
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 from harness_opt.parts.gltf_file import read_gltf
-from harness_opt.parts.mesh_headers import STL_HEAD, Refused, beside, is_text, refuse_faces
+from harness_opt.parts.mesh_headers import STL_HEAD, Refused, beside, is_text, refuse_faces, refuse_text
 from harness_opt.parts.orientation import closed_outward
 
 _UNHEARD = logging.NullHandler()
@@ -100,7 +100,9 @@ def _corners_and_faces(file: Path, files: Mapping[str, bytes]) -> tuple[Array, I
     if suffix == ".obj":
         loaded = trimesh.load_scene(_bare(file.read_bytes()), file_type="obj", **options)
     elif suffix == ".stl":
-        loaded = trimesh.load_scene(_one_solid(file.read_bytes()), file_type="stl", **options)
+        content = file.read_bytes()
+        refuse_text(content)
+        loaded = trimesh.load_scene(_one_solid(content), file_type="stl", **options)
     else:
         loaded = trimesh.load_scene(file, **options)
     refuse_faces(sum(_faces_placed(loaded)))

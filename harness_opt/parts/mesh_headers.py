@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,11 @@ PLY_HEAD = 64 * 1024  # bytes in which the header of a PLY file must end
 GLB_HEAD = 20  # bytes of a GLB file before its JSON: magic, version, length, and the length and kind of the chunk
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}  # glTF 2.0, 3.6.2.1
 MESH = "a triangle mesh"
+
+
+COMMA = re.compile(rb"^[ \t]*vertex[^\n]*,[^\n]*", re.IGNORECASE | re.MULTILINE)
+LONGEST_LINE = 60  # letters of a wrong line that are repeated
+LONGEST_TAIL = 1000  # bytes at the end of a text in which its end has to be
 
 
 class Refused(ValueError):
@@ -85,10 +91,24 @@ def _stl(file: Path) -> None:
     with file.open("rb") as stream:
         head = stream.read(STL_HEAD)
     count = int.from_bytes(head[-4:], "little") if len(head) == STL_HEAD else 0
-    if file.stat().st_size == STL_HEAD + STL_FACE * count:
+    size, announced = file.stat().st_size, STL_HEAD + STL_FACE * count
+    if size == announced:
         refuse_faces(count)
+    elif size < announced and not head.lstrip().lower().startswith(b"solid"):
+        raise Refused(f"a file cut short: {size:,} of the {announced:,} bytes that {count:,} triangles take")
     else:
         _refuse_long(file)
+
+
+def refuse_text(content: bytes) -> None:
+    """Raise where the text of an STL file has decimal commas, or ends before its end."""
+    comma = COMMA.search(content)
+    if comma is not None:
+        line = content.count(b"\n", 0, comma.start()) + 1
+        words = comma[0].strip().decode("utf-8", "replace")[:LONGEST_LINE]
+        raise Refused(f"a comma in line {line}, {words!r}", "decimal points: export it with these")
+    if b"endsolid" not in content[-LONGEST_TAIL:].lower():
+        raise Refused("a file cut short: its last solid has no end (endsolid)")
 
 
 def is_text(file: Path) -> bool:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness_opt.model.parts import Box, Capsule, Cylinder
+from harness_opt.model.parts import Box, Capsule, Cylinder, Sphere
 from harness_opt.numerics.rotations import Array, matrix
 from harness_opt.numerics.vectors import Indices
 from harness_opt.parts.primitives import Primitive
 from harness_opt.parts.scene import Geometry, Mesh
+
+SIDES = 48  # of a round part
 
 
 def triangles(part: Geometry) -> tuple[Array, Indices]:
@@ -17,25 +19,59 @@ def triangles(part: Geometry) -> tuple[Array, Indices]:
     Raises:
         TypeError: neither a mesh nor a primitive.
     """
-    cylinder_sides = 48  # sides of a cylinder
     if isinstance(part, Mesh):
         return part.vertices, part.faces
     if not isinstance(part, Primitive):
         raise TypeError(f"found a part of the kind {type(part).__name__}, expected a mesh or a primitive")
-    import trimesh
-
     shape = part.shape
     if isinstance(shape, Box):
-        made = trimesh.creation.box(shape.size)
-    elif isinstance(shape, Cylinder):
-        made = trimesh.creation.cylinder(shape.radius, shape.length, sections=cylinder_sides)
-    elif isinstance(shape, Capsule):
-        made = trimesh.creation.capsule(shape.length, shape.radius, count=[cylinder_sides, cylinder_sides // 2])
-        made.apply_translation([0.0, 0.0, -made.bounds.mean(axis=0)[2]])
+        vertices, faces = _box(0.5 * np.array(shape.size))
     else:
-        made = trimesh.creation.icosphere(subdivisions=4, radius=shape.radius)
-    vertices = np.asarray(made.vertices) @ matrix(part.quaternion).T + part.position
-    return vertices, np.asarray(made.faces)
+        vertices, faces = _revolved(_profile(shape))
+    return vertices @ matrix(part.quaternion).T + part.position, faces
+
+
+def _box(half: Array) -> tuple[Array, Indices]:
+    """Return the box whose corners are plus and minus ``half`` (3,)."""
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))  # seen from outside
+    return half * corners, np.array([(a, *rest) for a, b, c, d in sides for rest in ((b, c), (c, d))])
+
+
+def _profile(shape: Cylinder | Capsule | Sphere) -> Array:
+    """Return the outline (k, 2) of a solid of revolution: distance from its axis, z; from its lower pole up."""
+    half = 0.5 * getattr(shape, "length", 0.0)
+    if isinstance(shape, Cylinder):
+        return np.array([[0.0, -half], [shape.radius, -half], [shape.radius, half], [0.0, half]])
+    up = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SIDES // 2 + 1)
+    z = shape.radius * np.sin(up)
+    around = np.column_stack([shape.radius * np.cos(up), z])
+    if not half:
+        return around
+    middle = len(up) // 2
+    lift = np.array([0.0, half])
+    return np.vstack([around[: middle + 1] - lift, around[middle:] + lift])
+
+
+def _revolved(profile: Array) -> tuple[Array, Indices]:
+    """Return the surface that ``profile`` (k, 2), from pole to pole, sweeps about the z axis."""
+    angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    radius, z = profile[1:-1].T
+    rings = np.stack(
+        [radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle), np.repeat(z[:, None], SIDES, axis=1)],
+        axis=-1,
+    ).reshape(-1, 3)
+    low, high = len(rings), len(rings) + 1
+    vertices = np.vstack([rings, [0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]])
+    here = np.arange(SIDES)
+    after = np.roll(here, -1)
+    faces = [np.column_stack([np.full(SIDES, low), after, here])]
+    for k in range(len(radius) - 1):
+        a, b = k * SIDES + here, k * SIDES + after
+        faces += [np.column_stack([a, b, b + SIDES]), np.column_stack([a, b + SIDES, a + SIDES])]
+    top = (len(radius) - 1) * SIDES
+    faces.append(np.column_stack([np.full(SIDES, high), top + here, top + after]))
+    return vertices, np.vstack(faces)
 
 
 def on_grid(vertices: Array, faces: Indices, most: int) -> tuple[Array, Array, Indices, Indices]:

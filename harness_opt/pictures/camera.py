@@ -48,9 +48,10 @@ class Camera:
         """
         outlines = {name: viewpoint.extremes(np.asarray(mesh.points, dtype=float)) for name, mesh in meshes.items()}
         motions = [one.motion for one in frames]
-        seen = np.vstack([viewpoint.seen(m.problem, m.motion, m.cables, outlines) for m in motions])
-        shown = [(one.motion, one.frame, one.scene) for one in frames]
-        right, up, back = viewpoint.clearest(shown)
+        lines = [np.vstack([c.position.reshape(-1, 3) for c in m.cables.values()]) for m in motions]
+        held = zip(motions, lines, strict=True)
+        seen = np.vstack([viewpoint.whole(m.problem, m.motion, outlines, points) for m, points in held])
+        right, up, back = viewpoint.clearest(motions[-1], frames[-1].scene)
         wide, high = TANGENT * aspect * (1 - 2 * MARGIN), TANGENT * (1 - 2 * MARGIN - TITLE_ROOM)
         flat = seen @ np.column_stack([right, up, back])
         middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))

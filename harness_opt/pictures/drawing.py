@@ -111,9 +111,8 @@ def cable_colours(shown: DrawnFrame, name: str) -> tuple[Array, Array]:
     shapes, frame = shown.motion.cables[name], shown.frame
     s = np.linspace(0.0, shapes.s[-1], POINTS)
     points = curve_of(shapes).at(np.full(len(s), frame), s)
-    _, state = colouring.states(
-        shown.motion, shown.scene, shown.still.pairs, colouring.Points(name, frame, s, points), _reach(shown)
-    )
+    several = colouring.Points(name, np.array([frame]), s, points[None])
+    state = colouring.states(shown.motion, shown.scene, shown.still.pairs, several, _reach(shown))[1][0]
     colours = np.tile(rgb(shown.colours[name]), (len(s), 1))
     colours[state == colouring.SHORT] = rgb(SHORT)
     colours[state == colouring.TOUCHES] = rgb(TOUCHES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import itertools
 from collections.abc import Callable, Iterable, Iterator
@@ -24,11 +25,12 @@ from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.parts.triangles import triangles
 from harness_opt.pictures.drawing import placement, pose_at
+from harness_opt.pictures.dxf import UNITS, write_centrelines
 from harness_opt.pictures.gltf import gltf
 from harness_opt.pictures.opengl import load_pyvista
-from harness_opt.pictures.swept_volume import swept_volume
+from harness_opt.pictures.swept_volume import for_stl, swept_volume
 
-KINDS = ("paraview", "csv", "gltf", "stl")
+KINDS = ("paraview", "csv", "gltf", "stl", "dxf")
 COLUMNS = (
     "frame", "motion", "time_s", "arc_length_m", "x_m", "y_m", "z_m", "quaternion_w", "quaternion_x", "quaternion_y",
     "quaternion_z", "curvature_x_per_m", "curvature_y_per_m", "twist_rad_per_m", "bend_radius_m", "force_x_N",
@@ -37,14 +39,15 @@ COLUMNS = (
 
 
 @one_at_a_time
-def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
+def export(folder: str | Path, kind: str, target: str | Path, unit: str = "m") -> list[str]:
     """Write the motion that a result folder holds for another program; return what was written, a sentence each.
 
     Args:
         folder: of a result.
         kind: "paraview" (``motion.pvd``, with a ``.vtp`` for each frame), "csv" (a table for each cable), "gltf"
-            (``motion.glb``, animated) or "stl" (the volume that each cable sweeps).
+            (``motion.glb``, animated), "stl" (the volume that each cable sweeps) or "dxf" (each centreline).
         target: folder to write in; made where it is missing.
+        unit: of STL and DXF files, "m" or "mm".
 
     Raises:
         HarnessError: no result in ``folder``, or a package that the export needs is missing; one line.
@@ -54,8 +57,11 @@ def export(folder: str | Path, kind: str, target: str | Path) -> list[str]:
         "paraview": _paraview,
         "csv": _csv,
         "gltf": _gltf,
-        "stl": _stl,
+        "stl": functools.partial(_stl, unit=unit),
+        "dxf": functools.partial(_dxf, unit=unit),
     }
+    if unit not in UNITS:
+        raise HarnessError(f"found the unit {unit!r}, expected one of {', '.join(UNITS)}")
     if kind not in writers:
         raise HarnessError(f"found an export to {kind!r}, expected one of {', '.join(KINDS)}")
     motion, _, _ = read_motion(folder)
@@ -79,8 +85,8 @@ def _file_names(names: Iterable[str]) -> dict[str, str]:
 def _along(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, frame: int) -> dict[str, Array]:
     """Return what is known at the stations of a cable in one frame, by name; a clearance that does not count is NaN."""
     shapes = motion.cables[name]
-    points = colouring.Points(name, frame, shapes.s, shapes.position[frame])
-    clearance, _ = colouring.states(motion, scene, measured.pairs, points, np.inf)
+    points = colouring.Points(name, np.array([frame]), shapes.s, shapes.position[[frame]])
+    clearance = colouring.states(motion, scene, measured.pairs, points, np.inf)[0][0]
     radius = 1.0 / np.maximum(bending(shapes.frames(slice(frame + 1)))[frame], STRAIGHT)
     return {
         "arc_length": shapes.s,
@@ -121,15 +127,20 @@ def _gltf(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
     yield f"{file}: animated, {motion.problem.duration:g} s"
 
 
-def _stl(motion: Motion, _scene: Scene, target: Path) -> Iterator[str]:
+def _dxf(motion: Motion, _scene: Scene, target: Path, unit: str) -> Iterator[str]:
+    files = [(name, target / f"{plain}_{unit}.dxf") for name, plain in _file_names(motion.cables).items()]
+    return write_centrelines(motion, files, unit)
+
+
+def _stl(motion: Motion, _scene: Scene, target: Path, unit: str) -> Iterator[str]:
     import trimesh
 
     for name, plain in _file_names(motion.cables).items():
         swept = swept_volume(motion, name)
-        file = target / f"swept_{plain}_m.stl"
-        trimesh.Trimesh(swept.vertices, swept.faces, process=False).export(file)
-        litres = f"{1e6 * swept.volume:.1f} cm3"
-        yield f"{file}: {litres} in metres, nowhere more than {1e3 * swept.excess:.2f} mm too large"
+        file = target / f"swept_{plain}_{unit}.stl"
+        trimesh.Trimesh(*for_stl(UNITS[unit][1] * swept.vertices, swept.faces), process=False).export(file)
+        litres, named = f"{1e6 * swept.volume:.1f} cm3", {"m": "metres", "mm": "millimetres"}[unit]
+        yield f"{file}: {litres} in {named}, nowhere more than {1e3 * swept.excess:.2f} mm too large"
 
 
 def _paraview(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness_opt.clearance.pairs import PairClearance
+from harness_opt.model.problem import Moments
 from harness_opt.model.results import Motion
-from harness_opt.model.travel import Moments
 from harness_opt.parts.scene import Scene
 from harness_opt.pictures.drawing import (
     ENDS,

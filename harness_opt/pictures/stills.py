@@ -15,8 +15,8 @@ from harness_opt.clearance.limits import all_limits, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.limits import LimitKind
+from harness_opt.model.problem import Moments
 from harness_opt.model.results import LimitResult, Motion
-from harness_opt.model.travel import Moments
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene, load_scene
@@ -39,7 +39,7 @@ from harness_opt.pictures.drawing import (
 )
 from harness_opt.pictures.opengl import drawable, load_pyvista
 from harness_opt.pictures.window import show
-from harness_opt.report.colours import CABLES, CABLES_AFTER, EDGE, INK, MOVING_PART, SHORT, SLEEVE, TOUCHES, rgb
+from harness_opt.report.colours import CABLES, EDGE, INK, MOVING_PART, SHORT, SLEEVE, TOUCHES, rgb
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -99,7 +99,7 @@ def _rows_of_zero(motion: Motion, scene: Scene) -> tuple[LimitResult, ...]:
     """Return the rows that limits of 0 would have: of the clearances to parts, and of the bend radius."""
     found = measure(motion.problem, scene, motion.motion, motion.cables)
     touching = replace(found, pairs=tuple(replace(pair, limit=0.0) for pair in found.pairs))
-    problem = replace(motion.problem, limits=replace(motion.problem.limits, bend_radius=0.0))
+    problem = motion.problem.changed(limits=replace(motion.problem.limits, bend_radius=0.0))
     return all_limits(problem, motion, touching)
 
 
@@ -144,7 +144,7 @@ def write_pictures(
         changed = _changes(result)
         views = [
             worst_view(result.motion_before, scene, result.limits_before or (), "Before"),
-            worst_view(motion, scene, result.limits, f"After: {changed}", CABLES_AFTER),
+            worst_view(motion, scene, result.limits, f"After: {changed}"),
         ]
         asked = {"worst.png": [replace(views[1], title=f"Redesigned: {changed}")], "before_after.png": views}
     folder = Path(folder)

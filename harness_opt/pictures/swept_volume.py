@@ -78,6 +78,28 @@ def swept_volume(motion: Motion, name: str) -> SweptVolume:
     return SweptVolume(vertices, faces, float(whole.volume()), outer - radius)
 
 
+def for_stl(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
+    """Return a closed surface as STL holds it, with numbers of 32 bits, and closed still.
+
+    Corners that these make one are one, triangles that lose their area go, and so do two that are left back to back:
+    every edge keeps as many triangles on one side as on the other.
+
+    Args:
+        vertices: (k, 3), in the unit of the file.
+        faces: (m, 3).
+    """
+    rounded = vertices.astype(np.float32) + np.float32(0)  # -0 is 0
+    unique, index = np.unique(rounded, axis=0, return_inverse=True)
+    kept = index.reshape(-1)[faces]
+    kept = kept[(kept[:, 0] != kept[:, 1]) & (kept[:, 1] != kept[:, 2]) & (kept[:, 2] != kept[:, 0])]
+    first = np.argmin(kept, axis=1)
+    turned = np.stack([np.take_along_axis(kept, (first[:, None] + k) % 3, axis=1)[:, 0] for k in range(3)], axis=1)
+    back = turned[:, [0, 2, 1]]
+    both = {tuple(face) for face in turned.tolist()} & {tuple(face) for face in back.tolist()}
+    alone = np.array([tuple(face) not in both for face in turned.tolist()], dtype=bool)
+    return unique.astype(float), turned[alone]
+
+
 def _stations(s: Array, curvature: float, tolerance: float) -> tuple[Indices, float]:
     """Return stations whose chords miss the curve by at most ``tolerance``, and by how much they do, m.
 

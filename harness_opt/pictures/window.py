@@ -22,7 +22,7 @@ from harness_opt.pictures.camera import Camera
 from harness_opt.pictures.drawing import SIZE, light, solid
 from harness_opt.pictures.opengl import drawable, has_screen, load_pyvista, quiet
 from harness_opt.pictures.scene_view import SceneView
-from harness_opt.report.colours import CABLES, CABLES_AFTER, EDGE, INK, Key, keys, ramp
+from harness_opt.report.colours import CABLES, EDGE, INK, Key, keys, ramp
 
 if TYPE_CHECKING:
     from harness_opt.numerics.rotations import Array
@@ -98,13 +98,12 @@ class Window:
             )  # fmt: skip
         meshes = {name: solid(part) for name, part in scene.parts.items()}
         titles = [title] if before is None else ["Before", "After"]
-        palettes = [CABLES] if before is None else [CABLES, CABLES_AFTER]
         self.views = []
-        for column, (one, words, palette) in enumerate(zip(shown, titles, palettes, strict=True)):
+        for column, (one, words) in enumerate(zip(shown, titles, strict=True)):
             self.plotter.subplot(0, column)
             self.plotter.set_background("white")
             light(self.plotter)
-            self.views.append(SceneView(self.plotter, one, scene, meshes, words, palette))
+            self.views.append(SceneView(self.plotter, one, scene, meshes, words, CABLES))
             self.plotter.enable_anti_aliasing("msaa")
         camera = Camera.of(
             [view.drawn(view.nearest(worst)) for view in self.views], meshes, size[0] / len(shown) / size[1]
@@ -178,8 +177,8 @@ class Window:
             if mode == "twist":
                 return ramp(np.interp(s, shapes.s, np.degrees(np.abs(darboux[:, 2]))) / key.most)
             pairs = view.drawn(frame).still.pairs
-            several = colouring.Points(name, frame, s, points)
-            nearest = colouring.states(view.motion, view.scene, pairs, several, key.most)[0]
+            several = colouring.Points(name, np.array([frame]), s, points[None])
+            nearest = colouring.states(view.motion, view.scene, pairs, several, key.most)[0][0]
             return ramp(1.0 - np.minimum(nearest, key.most) / key.most)
 
         return colours

@@ -23,6 +23,8 @@ ROOM = 0.06  # of the range, kept free above and below
 REACH = 4.0  # times the limit, or the worst: what lies beyond says "far away" and is cut off
 MOST_POINTS = 600  # of a drawn curve: more than the picture has pixels
 COLOURS = 8  # of series
+MOST_SERIES = 8  # drawn in one picture: as many as there are colours
+STRAIGHT_FROM = 1e5  # mm: what bends less is straight, and what is that far away is far
 MM = 1e3
 
 
@@ -37,7 +39,8 @@ class Chart:
         limits: lines to stay on one side of, in ``unit``.
         most: whether the limits are most that is allowed, or else least.
         before: the same of the design given: its motion, and values by name.
-        bounded: whether large values are cut off because they mean "far away".
+        bounded: whether the picture ends where large values mean "far away"; it says where curves go beyond.
+        left_out: how many series are not among these, for they stay farther from the limit.
     """
 
     title: str
@@ -48,6 +51,7 @@ class Chart:
     most: bool = True
     before: tuple[Array, Mapping[str, Array]] | None = None
     bounded: bool = False
+    left_out: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,9 @@ class Drawn:
         ticks: height and words of each.
         snaps: places along the motion.
         colours: number of the colour of each series, of the design given too.
+        beyond: SVG path along the upper edge of each series, where it lies beyond.
+        most: the largest of all values, in words.
+        numbers: place and number of each series, where there are several.
     """
 
     chart: Chart
@@ -73,6 +80,9 @@ class Drawn:
     ticks: tuple[tuple[float, str], ...]
     snaps: tuple[float, ...]
     colours: Mapping[str, int]
+    beyond: Mapping[str, str]
+    most: str
+    numbers: tuple[tuple[float, float, str], ...]
 
 
 # --- what is drawn -------------------------------------------------------------------------------------
@@ -91,11 +101,12 @@ def charts(
     limits, shapes = motion.problem.limits, motion.cables[name]
     old = given[0].cables.get(name) if given else None
     at = given[0].motion if given else np.zeros(0)
-    near = _clearances(measured, name)
+    near, left_out = _nearest(measured, name)
     if near:
-        before = (at, _clearances(given[1], name)) if given and old else None
+        earlier = _clearances(given[1], name) if given and old else {}
+        shown = (at, {series: earlier[series] for series in near if series in earlier}) if earlier else None
         least = sorted({MM * pair.limit for pair in measured.pairs if pair.cable == name and pair.limit is not None})
-        yield Chart("Clearance", "mm", motion.motion, near, least, False, before, True)
+        yield Chart("Clearance", "mm", motion.motion, near, least, False, shown, True, left_out)
     now, then = _quantities(shapes), _quantities(old) if old else {}
     for title, (unit, limit, most) in _kinds(limits).items():
         before = (at, then[title]) if then else None
@@ -119,6 +130,13 @@ def _clearances(measured: ClearanceResult, name: str) -> dict[str, Array]:
             other = pair.obstacle if name == pair.cable else Obstacle(pair.cable, is_cable=True)
             found[other.words(name)] = MM * pair.clearance
     return found
+
+
+def _nearest(measured: ClearanceResult, name: str) -> tuple[dict[str, Array], int]:
+    """Return the clearances that come nearest to zero, at most :data:`MOST_SERIES`, and how many others there are."""
+    found = _clearances(measured, name)
+    order = sorted(found, key=lambda series: float(np.min(found[series])))[:MOST_SERIES]
+    return {series: found[series] for series in found if series in order}, len(found) - len(order)
 
 
 TITLES = {
@@ -167,13 +185,19 @@ def drawn(chart: Chart, snaps: Sequence[float] = ()) -> Drawn:
         return round(HEIGHT - BOTTOM - (value - low) / (high - low) * (HEIGHT - TOP - BOTTOM), 1)
 
     def path(motion: Array, values: Array) -> str:
-        return _path(motion, np.clip(values, low, high), height)
+        return _path(motion, np.clip(values, low, high), height)[0]
 
-    earlier = chart.before
+    earlier, most = chart.before, max((float(v[np.isfinite(v)].max(initial=-math.inf)) for v in every), default=0.0)
+    beyond = {
+        name: _path(chart.motion, np.clip(values, low, high), height, high)[1] for name, values in chart.series.items()
+    }
     bands = [(TOP, height(limit)) if chart.most else (height(limit), HEIGHT - BOTTOM) for limit in chart.limits[:1]]
     return Drawn(
         chart,
-        {name: path(chart.motion, values) for name, values in chart.series.items()},
+        {
+            name: _path(chart.motion, np.clip(values, low, high), height, high)[0]
+            for name, values in chart.series.items()
+        },
         {name: path(earlier[0], values) for name, values in earlier[1].items()} if earlier else {},
         tuple(height(limit) for limit in chart.limits),
         tuple((top, round(bottom - top, 1)) for top, bottom in bands if bottom > top),
@@ -183,7 +207,26 @@ def drawn(chart: Chart, snaps: Sequence[float] = ()) -> Drawn:
             name: number % COLOURS
             for number, name in enumerate(dict.fromkeys([*chart.series, *(earlier[1] if earlier else ())]))
         },
+        {name: line for name, line in beyond.items() if line},
+        "far" if most > STRAIGHT_FROM else f"up to {most:.3g} {chart.unit}".rstrip(),
+        _numbers(chart, low, high, height),
     )
+
+
+def _numbers(
+    chart: Chart, low: float, high: float, height: Callable[[float], float]
+) -> tuple[tuple[float, float, str], ...]:
+    """Return where the numbers of several series stand: at their right ends, in turn further to the left."""
+    if len(chart.series) < 2:
+        return ()
+    found = []
+    for number, values in enumerate(chart.series.values()):
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known):
+            k = int(known[np.argmin(np.abs(chart.motion[known] - (0.97 - 0.11 * (number % 8))))])
+            y = height(float(np.clip(values[k], low, high)))
+            found.append((place(float(chart.motion[k])), round(max(y - 3.0, TOP + 8.0), 1), str(number + 1)))
+    return tuple(found)
 
 
 def place(motion: float) -> float:
@@ -212,16 +255,28 @@ def ticks(low: float, high: float) -> list[float]:
     return [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 
 
-def _path(motion: Array, values: Array, height: Callable[[float], float]) -> str:
-    """Return the SVG path of a curve, with gaps where its value is not known."""
-    words, pen_up = [], True
+def _path(motion: Array, values: Array, height: Callable[[float], float], edge: float = math.inf) -> tuple[str, str]:
+    """Return the SVG path of a curve, with gaps where its value is not known, and that of its stretches at ``edge``."""
+    found: tuple[list[str], list[str]] = ([], [])
+    pens = [math.nan, math.nan]  # where each stands, across
+    before = None
     for index in _kept(values):
         if not math.isfinite(values[index]):
-            pen_up = True
+            before = None
             continue
-        words.append(f"{'M' if pen_up else 'L'}{place(float(motion[index]))} {height(float(values[index]))}")
-        pen_up = False
-    return " ".join(words)
+        x, y = place(float(motion[index])), height(float(values[index]))
+        if before is None:
+            found[0].append(f"M{x} {y}")
+            pens[0] = x
+        else:
+            which = int(values[before] >= edge and values[index] >= edge)
+            start = place(float(motion[before]))
+            if pens[which] != start:
+                found[which].append(f"M{start} {height(float(values[before]))}")
+            found[which].append(f"L{x} {y}")
+            pens[which] = x
+        before = index
+    return " ".join(found[0]), " ".join(found[1])
 
 
 def _kept(values: Array) -> Indices:

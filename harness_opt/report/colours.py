@@ -14,8 +14,8 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 
-CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")  # far from the two of trouble
-CABLES_AFTER = ("#1a9850", "#1f6fb4", "#0e8f9c", "#8a4fbf", "#5b6770", "#6b4e2e")  # the cables of a redesign
+# far from the two of trouble; the same before and after
+CABLES = ("#1f6fb4", "#2a9d5c", "#8a4fbf", "#0e8f9c", "#6b4e2e", "#5b6770")
 TOUCHES, SHORT = "#e0141e", "#f28e1c"  # of a point of a cable that touches something, and that breaks a limit
 STILL_PART, MOVING_PART, HIT_PART = "#c9cdd2", "#a9b4c2", "#f0a8a4"
 EDGE, INK = "#3c434b", "#1e2328"  # of parts, and of words

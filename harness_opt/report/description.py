@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from harness_opt.clearance.what_counts import let_off_length
 from harness_opt.model.bodies import WORLD, Body, Hinge, Slide
 from harness_opt.model.cable import CableRun, End
+from harness_opt.model.design import Variable
+from harness_opt.model.design_variables import target, value
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Problem, left_out
+from harness_opt.model.problem import Moments, Problem, left_out
 from harness_opt.motion.path import clamp_twist, place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -45,12 +49,12 @@ def facts(problem: Problem, scene: Scene) -> Json:
         "bodies": {name: _body(body) for name, body in problem.bodies.items()},
         "parts": parts,
         "limits": {name: limit for name, limit in vars(problem.limits).items() if limit is not None},
-        "design": {v.name: [v.lower, v.upper] for v in problem.design.variables},
+        "design": {v.name: _variable(problem, v) for v in problem.design.variables},
         "coupled": {c.name: c.words for c in problem.design.couplings},
         "minimise": None if problem.design.maximise else problem.design.minimise,
         "maximise": problem.design.maximise,
         "left_out": _reasons(problem),
-        "warnings": [*doubts(problem), *scene.warnings],
+        "warnings": [*doubts(problem), *scene.warnings, *(found.words for found in suspects(problem, scene))],
     }
 
 
@@ -66,6 +70,7 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
     slack = None
     if ends[0] is not None and ends[1] is not None:
         slack = cable.length - np.linalg.norm(ends[1] - ends[0], axis=1)
+        tight = Moments.of(problem).words(float(motion[np.argmin(slack)]))
     return {
         "length": cable.length,
         "diameter": cable.diameter,
@@ -74,12 +79,28 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
         "kz_over_kx": kz / kx,
         "ky_over_kx": ky / kx,
         "slack": None if slack is None else [float(np.min(slack)), float(np.max(slack))],
+        "least_slack_at": None if slack is None else tight,
         "start": _end(run.start),
         "end": _end(run.end),
         "turns": run.turned_in,
         "clamp_twist": clamp_twist(problem, name),
         "fitted_at": None if run.untwisted is None else run.fitted_at,
+        "fitted_where": None if run.untwisted is None else Moments.of(problem).words(run.fitted_at),
     }
+
+
+def _variable(problem: Problem, variable: Variable) -> Json:
+    """Return what a design variable is now, its bounds, and what a rotation turns about, in its body's coordinates."""
+    found = {"now": value(problem, variable.name), "lower": variable.lower, "upper": variable.upper}
+    meant = target(variable.name)
+    if meant.quantity != "rotate":
+        return found
+    end: End = getattr(problem.cables[meant.cable], str(meant.side))
+    if end.frame is None:
+        return found
+    projected = end.frame if end.tangent is None else rotations.from_tangent(end.tangent)
+    axis = rotations.matrix(projected)[:, meant.axis]
+    return found | {"about": (np.round(axis, 6) + 0.0).tolist(), "body": end.body}
 
 
 def _path(problem: Problem, end: End, motion: Array) -> Array | None:
@@ -158,6 +179,66 @@ def _reasons(problem: Problem) -> list[Json]:
     return reasons
 
 
+# --- what is suspicious ---
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """What can be but is hardly meant.
+
+    Args:
+        words: a line that begins with the key.
+        part: the part that is to be looked at, or None.
+        clamp: cable and side of the clamp that is to be looked at, or None.
+    """
+
+    words: str
+    part: str | None = None
+    clamp: tuple[str, str] | None = None
+
+
+def suspects(problem: Problem, scene: Scene) -> list[Suspect]:
+    """Return clamps that stand in a part that does not hold them, and those that point into a wall."""
+    return [
+        found
+        for name, run in problem.cables.items()
+        for side, end in (("start", run.start), ("end", run.end))
+        for part in scene.parts.values()
+        if (found := _suspect(problem, (name, side), end, part)) is not None
+    ]
+
+
+def _suspect(problem: Problem, clamp: tuple[str, str], end: End, part: Geometry) -> Suspect | None:
+    """Return what is odd about a clamp and a part at both ends and in the middle of the motion."""
+    name, side = clamp
+    moments, radius = np.array([0.0, 0.5, 1.0]), problem.cables[name].cable.radius
+    position = _path(problem, end, moments)
+    if position is None or not part.closed:
+        return None
+    key, limit = f"cables.{name}.{side}", problem.clearance_limit(part.name)
+    origin, turn = problem.poses(part.body, moments)
+    home = rotations.conjugate(turn)
+    depth = -part.signed_distance(rotations.rotate(home, position - origin))[0]
+    holds = end.body == part.body if end.holders is None else part.name in end.holders
+    if not holds:
+        k = int(np.argmax(depth))
+        at = Moments.of(problem).words(float(moments[k]))
+        words = f"{key}.position: found {1e3 * depth[k]:.3g} mm deep in {part.name}, which does not hold it, at {at}"
+        return Suspect(words, part.name, clamp) if depth[k] > 0 else None
+    if end.frame is None:
+        return None
+    quaternion = problem.poses(end.body, moments[:1])[1][0]
+    out = rotations.rotate(quaternion, rotations.tangent(np.asarray(end.frame))) * (1.0 if side == "start" else -1.0)
+    reach = let_off_length(end, radius, limit)
+    ahead, behind = (position[0] + sign * reach * out - origin[0] for sign in (1.0, -1.0))
+    inside = part.signed_distance(rotations.rotate(home[0], np.stack([ahead, behind])))[0] < 0
+    if not inside[0]:
+        return None
+    turned = "; the other way it would come out, so it may be turned round" if not inside[1] else ""
+    words = f"{key}.tangent: found the cable {1e3 * reach:.3g} mm on still inside {part.name}, which holds it{turned}"
+    return Suspect(words, part.name, clamp)
+
+
 # --- words ---------------------------------------------------------------------------------------------
 
 
@@ -191,11 +272,12 @@ def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}"
         if cable["clamp_twist"] is not None:
             degrees = math.degrees(cable["clamp_twist"])
-            where = "at the start" if cable["fitted_at"] is None else f"where fitted, at motion {cable['fitted_at']:g}"
+            where = "at the start" if cable["fitted_at"] is None else f"where fitted, at {cable['fitted_where']}"
             yield f"  its clamps build in {degrees:.4g} deg of twist, {degrees / cable['length']:.4g} deg/m, {where}"
         if cable["slack"] is not None:
-            smallest, largest = (_mm(slack) for slack in cable["slack"])
-            yield f"  slack over the distance of its ends: {smallest} to {largest} mm over the motion"
+            smallest, largest = (f"{1e3 * slack:.4g}" for slack in cable["slack"])
+            least = f"least at {cable['least_slack_at']}"
+            yield f"  slack over the distance of its ends: {smallest} to {largest} mm over the motion, {least}"
 
 
 def _held(side: str, end: Mapping[str, Any]) -> str:
@@ -239,10 +321,15 @@ def _limit_lines(content: Mapping[str, Any]) -> Iterator[str]:
     if limits:
         yield f"Limits: {', '.join(limits)}."
     if content["design"]:
-        changed = ", ".join(f"{name} in [{a:g}, {b:g}]" for name, (a, b) in content["design"].items())
         aim = f"the least {content['minimise']}" if content["minimise"] else "the largest worst margin"
         follow = "".join(f"; {name} follows, = {words}" for name, words in content["coupled"].items())
-        yield f"A redesign would change {changed}{follow}, for {aim}."
+        yield f"A redesign would change, for {aim}{follow}:"
+        for name, variable in content["design"].items():
+            unit = "deg" if name.endswith("_deg") else "m"
+            now, lower, upper = variable["now"], variable["lower"], variable["upper"]
+            outside = "" if lower <= now <= upper else ": outside, so it begins at the nearest"
+            about = f", about {_direction(variable['about'])} of {variable['body']}" if "about" in variable else ""
+            yield f"  {name}: {now:g} {unit} now, within [{lower:g}, {upper:g}]{outside}{about}"
 
 
 def _mm(length: float) -> str:

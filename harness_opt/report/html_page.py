@@ -11,6 +11,7 @@ import datetime
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,12 +24,15 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
+from harness_opt.model.problem import Moments, Problem
 from harness_opt.model.results import Motion
+from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
-from harness_opt.report import charts, colours
+from harness_opt.report import charts, colours, viewpoint
 from harness_opt.report import page_rows as report_words
 from harness_opt.report.data_sheet import data_sheets
+from harness_opt.report.page_rows import input_tables
 from harness_opt.report.scene_data import part_data, scene_data, view_data
 from harness_opt.report.summary import summary as summarise
 
@@ -38,7 +42,13 @@ if TYPE_CHECKING:
 Json = dict[str, Any]
 
 FILE = "report.html"
-SCRIPTS = ("geometry.js", "view.js", "stage.js", "page.js")  # in the order they are read
+SMALL, MARGIN = (320, 200), 8  # of a notebook's picture, pixels
+SHADES = 5  # moments of the motion that are drawn, the last one darkest
+ROWS = 8  # limits that are told, worst first
+TONES = {"good": "#14794a", "bad": "#b3141c", "warn": "#8a5a00"}
+MOST_NAMES = 12  # of parts that are all named to begin with
+NAMES_TOLD = 5  # of parts, among the facts
+SCRIPTS = ("geometry.js", "view.js", "overlay.js", "stage.js", "page.js")  # in the order they are read
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,23 +123,21 @@ def _stage(
     share = 1.0 / len(results)
     scenes = [scene_data(one, scene, clearances, share) for one, clearances in results]
     titles = [""] if given is None else ["Before", "After"]
-    palettes = [colours.CABLES] if given is None else [colours.CABLES, colours.CABLES_AFTER]
-    for entry, title, palette in zip(scenes, titles, palettes, strict=True):
-        entry |= {"title": title, "colours": palette}
+    for entry, title in zip(scenes, titles, strict=True):
+        entry |= {"title": title, "colours": colours.CABLES}
     worst = []
     for one, clearances in results:
         rows = all_limits(one.problem, one, clearances)
         frame = most_urgent(one.problem, rows).frame if rows else _most_bent(one)
         worst.append(float(one.motion[frame]))
-    shown = [(one, int(np.argmin(np.abs(one.motion - worst[0]))), scene) for one, _ in results]
     return {
         "scenes": scenes,
-        "parts": part_data(motion, scene),
-        "view": view_data(shown),
+        "parts": part_data(motion.problem, scene),
+        "view": view_data([one for one, _ in results], scene),
         "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "duration": motion.problem.duration,
+        "path": dataclasses.asdict(Moments.of(motion.problem)),
         "worst": worst[0],
         "begin": worst[0],
     }
@@ -151,13 +159,6 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         summary: of the same result.
         texts: problem files to show, by name; None shows the one that was read.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["short"] = lambda value: f"{value:g}"
-    style, script = _asset("report.css"), "\n".join(_asset(name) for name in SCRIPTS)
     motion, data = report.motion, dict(report.data)
     if len(motion.motion):
         curves = {
@@ -166,14 +167,20 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         }
         data["rows"] = report_words.live_rows(motion, report.measured, summary["limits"], curves)
     verdict, tone = report_words.verdict(summary)
-    return environment.get_template("report.html.jinja").render(
-        title=summary["problem"]["title"] or Path(summary["problem"]["file"] or "A problem without title").stem,
+    shown, held = report_words.limit_groups(summary)
+    return page(
+        "report.html.jinja",
+        data,
+        title=_title(summary),
         subtitle="Redesign of a cable harness" if summary["command"] == "redesign" else "Simulation of a cable harness",
         verdict=verdict,
         tone=tone,
         conclusion=report_words.conclusion(summary),
         facts=_facts(motion, summary),
-        limits=report_words.limit_rows(summary["limits"]),
+        limits=shown,
+        held=held,
+        inputs=list(input_tables(motion.problem)),
+        most_names=MOST_NAMES,
         variables=report_words.variable_rows(summary),
         redesign_words=list(report_words.redesign_words(summary)),
         before_after=report_words.before_after(summary),
@@ -185,19 +192,39 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         moments=[(charts.place(at), f"{100 * at:.0f}") for at in (0.0, 0.25, 0.5, 0.75, 1.0)],
         modes=_modes(report.measured),
         cables=list(motion.cables),
-        colours=colours.CABLES if report.given is None else colours.CABLES_AFTER,
-        triads=True,
+        colours=colours.CABLES,
         scene_notes=list(_scene_notes(data)),
         sheets=report_words.sheet_rows(motion, data_sheets(motion)) if len(motion.motion) else None,
         notes=list(report_words.notes(summary)),
         texts=list((texts or _texts(report)).items()),
         footer=_footer(summary),
-        data=data,
-        style=style,
-        script=script,
-        style_hash=_hash(style),
-        script_hash=_hash(script),
     )  # fmt: skip
+
+
+def page(template: str, data: Json, **content: Any) -> str:
+    """Return a page that needs nothing else.
+
+    Args:
+        template: name of the file that it is made of.
+        data: for its script.
+        content: what the template asks for beside.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_asset), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters["short"] = lambda value: f"{value:g}"
+    style, script = _asset("report.css"), "\n".join(_asset(name) for name in SCRIPTS)
+    hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
+    return environment.get_template(template).render(data=data, style=style, script=script, **hashes, **content)
+
+
+def _title(summary: Summary) -> str:
+    """Return the title of the page: of a redesign that found anything it says so."""
+    problem = summary["problem"]
+    title = problem["title"] or Path(problem["file"] or "A problem without title").stem
+    return f"{title}: redesigned" if summary["command"] == "redesign" and summary["frames"] else title
 
 
 def _asset(name: str) -> str:
@@ -222,10 +249,17 @@ def _facts(motion: Motion, summary: Summary) -> list[tuple[str, str]]:
         ("Frames solved", f"{summary['frames']}"),
         ("Cables" if len(problem.cables) > 1 else "Cable", ", ".join(problem.cables)),
         ("Length", lengths),
-        ("Parts", ", ".join(problem.parts) or "none"),
+        ("Parts", _some(list(problem.parts))),
         ("Snaps", f"{len(summary['snaps']) or 'none'}"),
         ("Computed in", f"{summary['timing']['total']:.1f} s"),
     ]
+
+
+def _some(names: list[str]) -> str:
+    """Return names in words, and how many there are where these are too many."""
+    if len(names) <= NAMES_TOLD:
+        return ", ".join(names) or "none"
+    return f"{len(names)}: {', '.join(names[:NAMES_TOLD])}, ..."
 
 
 def _scene_notes(data: Json) -> list[str]:
@@ -244,9 +278,13 @@ def _scene_notes(data: Json) -> list[str]:
 
 
 def _texts(report: Report) -> dict[str, str]:
-    """Return the problem file as it was read, or as it would be written where it is gone or changed."""
+    """Return the problem file that the result was asked of."""
     result = report.result
-    problem = result.problem if isinstance(result, Motion) else result.original
+    return texts_of(result.problem if isinstance(result, Motion) else result.original)
+
+
+def texts_of(problem: Problem) -> dict[str, str]:
+    """Return the problem file as it was read, or as it would be written where it is gone or changed, by name."""
     if problem.file is None:
         return {"Problem": problem_text(problem, Path.cwd() / "problem.toml")[0]}
     try:
@@ -297,3 +335,51 @@ def write_report(result: Motion | Redesign, file: str | Path) -> Path:
         texts = _texts(report) | {"redesigned.toml": problem_text(result.problem, Path(file).resolve())[0]}
     write_whole(Path(file), html(report, content, texts).encode("utf-8", "replace"))
     return Path(file)
+
+
+# --- in a notebook -------------------------------------------------------------------------------------
+
+
+def for_notebook(result: Motion | Redesign) -> str:
+    """Return ``result`` as HTML; its clearances are measured where it is a motion."""
+    motion = result if isinstance(result, Motion) else result.motion
+    content = summarise(result)
+    words, tone = report_words.verdict(content)
+    title = escape(motion.problem.title or "Motion")
+    groups, held = report_words.limit_groups(content)
+    cells = [row for rows in (*groups, *held) for row in rows]
+    lines = "".join(
+        f"<tr><td>{escape(row['label'])}</td><td>{escape(row['cable'])}</td><td>{escape(row['against'])}</td>"
+        f"<td>{row['worst']}</td><td>{row['margin']}</td><td>{report_words.HOLDS[row['holds']][1]}</td></tr>"
+        for row in cells[:ROWS]
+    )
+    more = f"<p>{len(cells) - ROWS} more limits</p>" if len(cells) > ROWS else ""
+    head = "<tr><th>limit</th><th>cable</th><th>against</th><th>worst</th><th>margin</th><th>holds</th></tr>"
+    table = f"<table>{head}{lines}</table>{more}" if cells else ""
+    return f"<div><b>{title}</b>: <b style='color:{TONES[tone]}'>{escape(words)}</b>{_picture(motion)}{table}</div>"
+
+
+def _picture(motion: Motion) -> str:
+    """Return the cables at a few moments as SVG, seen across the plane of their motion; nothing without frames."""
+    if not len(motion.motion):
+        return ""
+    positions = [cable.position for cable in motion.cables.values()]
+    right, up, _ = viewpoint.axes(viewpoint.plane_normal(positions), viewpoint.ASIDE, 1.0)
+    flat = [np.stack([at @ right, -(at @ up)], axis=-1) for at in positions]
+    every = np.vstack([at.reshape(-1, 2) for at in flat])
+    low, size = every.min(axis=0), np.ptp(every, axis=0)
+    room = np.array(SMALL) - 2 * MARGIN
+    scale = float(np.min(room / np.maximum(size, 1e-12 + 1e-9 * float(size.max()))))
+    frames = np.unique(np.linspace(0, len(motion.motion) - 1, SHADES).round().astype(int))
+    lines = [
+        _line(MARGIN + scale * (at[frame] - low), colours.CABLES[number % len(colours.CABLES)], (k + 1) / len(frames))
+        for number, at in enumerate(flat)
+        for k, frame in enumerate(frames)
+    ]
+    told = escape(f"from {Moments.of(motion.problem).words(0.0)} to {Moments.of(motion.problem).words(1.0)}")
+    return f"<br><svg width='{SMALL[0]}' height='{SMALL[1]}' role='img'><title>{told}</title>{''.join(lines)}</svg>"
+
+
+def _line(points: Array, colour: str, share: float) -> str:
+    told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f"<polyline points='{told}' fill='none' stroke='{colour}' stroke-width='2' opacity='{share:.2f}'/>"

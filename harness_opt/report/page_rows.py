@@ -10,8 +10,12 @@ import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import LimitEntry, Summary, limit_of, moments_of
+from harness_opt.model.bodies import Hinge, Poses, Slide
+from harness_opt.model.cable import CableRun, End
 from harness_opt.model.limits import KIND_OF_KEY, LimitKind
+from harness_opt.model.problem import Moments, Problem, travels
 from harness_opt.model.results import Motion
+from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.report import charts
 from harness_opt.report import redesign_words as redesigned
@@ -28,6 +32,15 @@ WORDS = {
     "infeasible": ("No design found that holds all limits", "bad"),
     "unsolved": ("Not solved", "bad"),
 }
+HOLDS = {
+    "yes": ("good-text", "yes", "held"),
+    "no": ("bad-text", "NO", "short"),
+    "uncertain": ("warn-text", "not certain", "unsure"),
+}
+MOST_GROUPS = 12  # of limits that are shown whether they hold or not
+HEAD_CABLES = ("Cable", "Length", "Diameter", "Bending stiffness", "Torsional stiffness", "Mass", "As made")
+HEAD_CLAMPS = ("Clamp", "Held by", "Position, mm", "Direction along the cable", "Roll")
+HEAD_BODIES = ("Body", "Motion", "From", "To")
 MOST_CYCLES = 4  # listed for each quantity, the largest first
 
 
@@ -51,28 +64,50 @@ def conclusion(summary: Summary) -> str:
     return f"The tightest of {len(rows)} is {tables.limit_words(tight)}: {margin} to spare, at {at}."
 
 
-def limit_rows(rows: Sequence[LimitEntry]) -> list[Json]:
-    """Return the limits of a summary as the cells of a table."""
-    found = []
-    for row in rows:
-        holds = row["holds"] != "no"
-        reach = BAR * min(1.0, abs(_share(row)))
-        found.append(
-            {
-                "label": KIND_OF_KEY[row["name"]].words,
-                "cable": row["cable"],
-                "against": tables.against(row),
-                "allowed": tables.quantity(row, row["limit"]),
-                "worst": tables.quantity(row, row["worst"]),
-                "margin": tables.quantity(row, row["margin"], "+"),
-                "holds": row["holds"],
-                "bar": (0.0 if holds else round(-reach, 2), round(max(reach, 1.0), 2)),
-                "motion": row["motion"],
-                "where": "never near" if row["worst"] is None else "{}, {} mm along".format(*tables.where(row)),
-                "sure": _certainty(row),
-            }
-        )
-    return found
+def limit_groups(summary: Summary) -> tuple[list[list[Json]], list[list[Json]]]:
+    """Return the limits of a summary as groups of rows of cells, worst first, and those that can wait.
+
+    A group has all clearances to one part, or all limits of one kind; its worst row stands first. Of many groups those
+    that hold can wait.
+    """
+    moments = moments_of(summary)
+    groups: dict[str, list[Json]] = {}
+    for number, row in sorted(enumerate(summary["limits"]), key=lambda pair: _urgency(pair[1])):
+        cells = _limit_cells(row, moments) | {"number": number}
+        groups.setdefault(cells["group"], []).append(cells)
+    found = list(groups.values())
+    wait = [k for k, rows in enumerate(found) if k >= MOST_GROUPS and rows[0]["holds"] == "yes"]
+    return [rows for k, rows in enumerate(found) if k not in wait], [found[k] for k in wait]
+
+
+def _urgency(row: LimitEntry) -> tuple[int, float]:
+    return ("no", "uncertain", "yes").index(row["holds"]), _share(row)
+
+
+def _limit_cells(row: LimitEntry, moments: Moments) -> Json:
+    reach = BAR * min(1.0, abs(_share(row)))
+    tone, answer, kind = HOLDS[row["holds"]]
+    words, against = KIND_OF_KEY[row["name"]].words, tables.against(row)
+    at = "never near"
+    if row["worst"] is not None:
+        at = f"{moments.words(row['motion'])}, {1e3 * row['arc_length']:.0f} mm along"
+    return {
+        "label": words,
+        "group": against or words,
+        "cable": row["cable"],
+        "against": against,
+        "allowed": tables.quantity(row, row["limit"]),
+        "worst": tables.quantity(row, row["worst"]),
+        "margin": tables.quantity(row, row["margin"], "+"),
+        "holds": row["holds"],
+        "tone": tone,
+        "answer": answer,
+        "kind": kind,
+        "bar": (round(-reach, 2) if row["holds"] == "no" else 0.0, round(max(reach, 1.0), 2)),
+        "motion": row["motion"],
+        "where": at,
+        "sure": _certainty(row),
+    }
 
 
 def _share(row: LimitEntry) -> float:
@@ -85,9 +120,9 @@ def _certainty(row: LimitEntry) -> str:
     unit = KIND_OF_KEY[row["name"]].unit
     tolerance = "-" if row["tolerance"] is None else f"{row['tolerance'] * unit.factor:.2g} {unit.name}"
     if row["certified"]:
-        return f"certain, to {tolerance}"
+        return f"to {tolerance}"
     if row.get("certified_along_arc"):
-        return f"certain at the frames, to {tolerance}"
+        return f"at frames, to {tolerance}"
     return f"estimated, to {tolerance}" if row["tolerance"] else "at the clamps"
 
 
@@ -260,3 +295,78 @@ def notes(summary: Summary) -> Iterator[str]:
         "The cable is a thin elastic rod under its weight: friction, dynamics, permanent set and temperature are "
         "left out, and contact pushes nothing away."
     )
+
+
+# --- inputs ---------------------------------------------------------------------------------------------
+
+
+def input_tables(problem: Problem) -> Iterator[Json]:
+    """Give the tables, each as ``head`` and ``rows``."""
+    yield {"head": HEAD_CABLES, "rows": [_input_cable(name, run) for name, run in problem.cables.items()]}
+    clamps = [
+        (f"{name}, {side}", *_input_clamp(end))
+        for name, run in problem.cables.items()
+        for side, end in (("start", run.start), ("end", run.end))
+    ]
+    yield {"head": HEAD_CLAMPS, "rows": clamps}
+    moving = {way.body: way for way in travels(problem)}
+    bodies = [(name, motion_words(problem, name), moving[name].at(0.0), moving[name].at(1.0)) for name in moving]
+    if bodies:
+        yield {"head": HEAD_BODIES, "rows": bodies}
+
+
+def _input_cable(name: str, run: CableRun) -> tuple[str, ...]:
+    cable = run.cable
+    kx, ky, kz = cable.stiffness
+    bending = f"{kx:.4g} N m2" if kx == ky else f"{kx:.4g} (about d1), {ky:.4g} (about d2) N m2"
+    made = f"curved, {_numbers(cable.rest_curvature)} 1/m" if any(cable.rest_curvature) else "straight"
+    mass = f"{1e3 * cable.mass_per_length:.4g} g/m"
+    return name, f"{1e3 * cable.length:.6g} mm", f"{1e3 * cable.diameter:.4g} mm", bending, f"{kz:.4g} N m2", mass, made
+
+
+def _input_clamp(end: End) -> tuple[str, ...]:
+    if end.position is not None:
+        place = _numbers(1e3 * np.asarray(end.position))
+    else:
+        place = "free" if end.force is None else f"pulled by {_numbers(end.force)} N"
+    way = direction(end)
+    if way is not None:
+        told = _numbers(way)
+    else:
+        told = "free" if end.moment is None else f"turned by {_numbers(end.moment)} N m"
+    return end.body, place, told, roll_words(end)
+
+
+def direction(end: End) -> rotations.Array | None:
+    """Return the unit tangent (3,) of a clamp in its body's coordinates; None where it is free."""
+    if end.tangent is not None:
+        return rotations.normalise(np.asarray(end.tangent, dtype=float))
+    return None if end.quaternion is None else rotations.tangent(np.asarray(end.quaternion, dtype=float))
+
+
+def roll_words(end: End) -> str:
+    """Return how a clamp holds the cable about its tangent."""
+    turns = f", {end.turns:+g} turns" if end.turns else ""
+    if end.roll is not None:
+        return {"untwisted": "as it comes, untwisted", "free": "free to turn (swivel)"}[end.roll] + turns
+    if end.roll_deg is not None:
+        return f"{end.roll_deg:g} deg{turns}"
+    if end.swivel:
+        return "free to turn (swivel)"
+    return f"by its quaternion{turns}" if end.quaternion is not None else "-"
+
+
+def motion_words(problem: Problem, name: str) -> str:
+    """Return how a body moves: about which line, or which way."""
+    motion = problem.body(name).motion
+    if isinstance(motion, Hinge):
+        return f"turns about {_numbers(motion.axis)} through {_numbers(1e3 * np.asarray(motion.point))} mm"
+    if isinstance(motion, Slide):
+        return f"slides along {_numbers(motion.direction)}"
+    if isinstance(motion, Poses):
+        return f"follows {len(motion.times)} poses" + ("" if motion.file is None else f" of {motion.file.name}")
+    return "stands still"
+
+
+def _numbers(values: Sequence[float] | rotations.Array) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in np.asarray(values, dtype=float) + 0.0)})"

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.limits import bending
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
+from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 from harness_opt.parts.scene import Scene
 from harness_opt.parts.triangles import on_grid, triangles
@@ -25,7 +27,8 @@ from harness_opt.report import viewpoint
 Json = dict[str, Any]
 
 MOST_STATIONS = 120_000  # of all cables in all frames: 3.5 MB of a page
-MOST_TRIANGLES = 200_000  # of all parts: 3 MB of a page
+MOST_TRIANGLES = 20_000  # of all parts: a quarter of a megabyte of a page
+MOST_SHORT = 65_536  # vertices that numbers of 16 bits count
 EXTREMES = (0.0, 1.0)  # moments of the motion that are drawn faintly
 
 
@@ -69,9 +72,8 @@ def frames_shown(motion: Motion, measured: ClearanceResult, share: float) -> Ind
 def _cable(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, kept: Indices) -> Json:
     shapes, cable = motion.cables[name], motion.problem.cables[name].cable
     far = colouring.far(motion.problem)
-    points = [colouring.Points(name, int(frame), shapes.s, shapes.position[frame]) for frame in kept]
-    found = [colouring.states(motion, scene, measured.pairs, several, far) for several in points]
-    nearest, state = (np.array(columns) for columns in zip(*found, strict=True))
+    points = colouring.Points(name, kept, shapes.s, shapes.position[kept])
+    nearest, state = colouring.states(motion, scene, measured.pairs, points, far)
     return {
         "name": name,
         "radius": cable.radius,
@@ -99,26 +101,36 @@ def _nearest(pair: PairClearance, kept: Indices) -> Json:
     }
 
 
-def view_data(shown: Sequence[tuple[Motion, int, Scene]]) -> Json:
-    """Return where to look from: the axes of the picture, and points (n, 3) that it must hold.
+def view_data(shown: Sequence[Motion], scene: Scene) -> Json:
+    """Return where to look from, and what a picture of all, and one of the cables, must hold.
 
     Args:
-        shown: motions, each with the frame that is looked at and its parts.
+        shown: motions; it is looked across the last.
+        scene: their parts.
     """
-    outlines = {name: viewpoint.extremes(triangles(part)[0]) for name, part in shown[0][2].parts.items()}
-    seen = np.vstack([viewpoint.seen(one.problem, one.motion, one.cables, outlines) for one, _, _ in shown])
-    right, up, back = viewpoint.clearest(shown)
-    hold = viewpoint.extremes(seen)
-    return {
-        key: np.round(value, 6).tolist()
-        for key, value in (("right", right), ("up", up), ("back", back), ("hold", hold))
-    }
+    outlines = outlines_of(scene)
+    lines = [np.vstack([cable.position.reshape(-1, 3) for cable in one.cables.values()]) for one in shown]
+    hold = [viewpoint.whole(one.problem, one.motion, outlines, at) for one, at in zip(shown, lines, strict=True)]
+    near = [viewpoint.near(one.problem, one.motion, one.cables, outlines) for one in shown]
+    back = viewpoint.clearest(shown[-1], scene)[2]
+    return looked(back, np.vstack(hold), np.vstack(near))
+
+
+def outlines_of(scene: Scene) -> dict[str, Array]:
+    """Return points (k, 3) of each part in its body's coordinates that hold all of it, m."""
+    return {name: viewpoint.extremes(triangles(part)[0]) for name, part in scene.parts.items()}
+
+
+def looked(back: Array, hold: Array, near: Array) -> Json:
+    """Return a view for a page: towards the eye (3,), and points (n, 3) of all, and of what is looked at from near."""
+    found = (("back", back), ("hold", viewpoint.extremes(hold)), ("near", viewpoint.extremes(near)))
+    return {key: np.round(value, 6).tolist() for key, value in found}
 
 
 # --- parts ---------------------------------------------------------------------------------------------
 
 
-def part_data(motion: Motion, scene: Scene) -> list[Json]:
+def part_data(problem: Problem, scene: Scene) -> list[Json]:
     """Return the parts as triangles in the coordinates of their bodies, on a grid of 16-bit numbers."""
     shapes = {name: triangles(part) for name, part in scene.parts.items()}
     total = sum(len(faces) for _, faces in shapes.values())
@@ -131,14 +143,15 @@ def part_data(motion: Motion, scene: Scene) -> list[Json]:
             {
                 "name": name,
                 "body": body,
-                "moves": motion.problem.body(body).motion is not None,
+                "moves": problem.body(body).motion is not None,
                 "closed": scene.parts[name].closed,
                 "triangles": len(kept),
                 "triangles_of": len(faces),
                 "lower": lower.tolist(),
                 "step": step.tolist(),
                 "vertices": pack(whole, np.uint16),
-                "faces": pack(kept, np.uint32),
+                "faces": pack(kept, np.uint16 if len(whole) <= MOST_SHORT else np.uint32),
+                "wide": len(whole) > MOST_SHORT,
             }
         )
     return rows

@@ -35,9 +35,8 @@ from harness_opt.files.summary import (
 )
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Problem
+from harness_opt.model.problem import Moments, Problem
 from harness_opt.model.results import LimitResult, Motion, Snap
-from harness_opt.model.travel import Moments
 from harness_opt.numerics.rotations import Array
 from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
 from harness_opt.report.redesign_summary import redesign_summary

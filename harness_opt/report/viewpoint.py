@@ -16,7 +16,8 @@ from harness_opt.parts.scene import Scene
 
 ELEVATION = 20.0  # degrees above the plane of view, so that depth shows
 ASIDE = 16.0  # degrees off the normal of the plane of motion, for the same
-FLAT_ELEVATION = 55.0  # degrees, on a plane that lies flat
+FLAT_ELEVATION = 55.0  # degrees, on a plane that lies flat, and on another where parts hide less from there
+HIDDEN_AT = (0.0, 0.5, 1.0)  # moments of the motion, at which it is asked what is hidden
 STEEP = 60.0  # degrees that a normal stands up, from which its plane lies flat
 NEAR, NEXT = 1.0, 0.15  # extents of the cables: parts that reach up to here are shown whole, others so far
 DIRECTIONS = 128  # in which the farthest points are looked for
@@ -43,37 +44,44 @@ def plane_normal(positions: Sequence[Array]) -> Array:
     return np.linalg.eigh(spread)[1][:, 0]
 
 
-def axes(normal: Array, aside: float, sign: float, level: bool = False) -> tuple[Array, Array, Array]:
+def axes(normal: Array, aside: float, sign: float, other: bool = False) -> tuple[Array, Array, Array]:
     """Return right, up and back (3,) of a picture along ``normal``, ``aside`` degrees off and from above; z up.
 
     Args:
         normal: of the plane to look across, unit, (3,).
         aside: degrees.
         sign: 1 or -1: from which side.
-        level: whether a plane that lies flat is looked at from little above, too.
+        other: the other height: a plane that lies flat is looked at from little above, another from high above.
     """
     azimuth = math.atan2(sign * normal[1], sign * normal[0])
     steep = abs(normal[2]) > math.sin(math.radians(STEEP))
     if steep:
         azimuth = -math.pi / 2 if sign > 0 else math.pi / 2
     azimuth += math.radians(aside)
-    elevation = math.radians(FLAT_ELEVATION if steep and not level else ELEVATION)
+    elevation = math.radians(FLAT_ELEVATION if steep != other else ELEVATION)
     out = math.cos(elevation)
     back = np.array([out * math.cos(azimuth), out * math.sin(azimuth), math.sin(elevation)])
     right = rotations.normalise(np.cross([0.0, 0.0, 1.0], back))
     return right, np.cross(back, right), back
 
 
-def clearest(shown: Sequence[tuple[Motion, int, Scene]]) -> tuple[Array, Array, Array]:
+def clearest(motion: Motion, scene: Scene) -> tuple[Array, Array, Array]:
     """Return right, up and back (3,) of the picture across the plane of motion in which parts hide least of the cables.
 
-    Args:
-        shown: motions, each with the frame that is looked at and its parts; all are looked at the same way.
+    From above, and the same wherever the motion stands: a lid must not close before the eye. The first of the views
+    that hide nothing is taken.
     """
-    normal = plane_normal([cable.position for motion, _, _ in shown for cable in motion.cables.values()])
-    sides = list(itertools.product((False, True), (1.0, -1.0), (ASIDE, -ASIDE)))
-    views = [axes(normal, aside, sign, level) for level, sign, aside in sides]
-    return views[int(np.argmin([sum(_hidden(*one, view[2]) for one in shown) for view in views]))]
+    normal = plane_normal([cable.position for cable in motion.cables.values()])
+    frames = {int(np.argmin(np.abs(motion.motion - at))) for at in HIDDEN_AT}
+    best, least = axes(normal, ASIDE, 1.0, False), math.inf
+    for high, sign, aside in itertools.product((False, True), (1.0, -1.0), (ASIDE, -ASIDE)):
+        view = axes(normal, aside, sign, high)
+        hidden = sum(_hidden(motion, frame, scene, view[2]) for frame in sorted(frames))
+        if hidden < least:
+            best, least = view, hidden
+        if not hidden:
+            break
+    return best
 
 
 def _hidden(motion: Motion, frame: int, scene: Scene, back: Array) -> int:
@@ -99,17 +107,32 @@ def _hidden(motion: Motion, frame: int, scene: Scene, back: Array) -> int:
     return int(np.sum(hidden))
 
 
-def seen(problem: Problem, motion: Array, cables: Mapping[str, CableMotion], outlines: Mapping[str, Array]) -> Array:
-    """Return points (n, 3), m, that a picture must hold: the cables, and the parts near them.
+def whole(problem: Problem, motion: Array, outlines: Mapping[str, Array], points: Array) -> Array:
+    """Return points (n, 3), m, that hold the whole scene over the motion: ``points`` (k, 3), and all parts.
+
+    Args:
+        problem: bodies and parts.
+        motion: (P,), 0 to 1, of the frames.
+        outlines: points (k, 3) of each part in its body's coordinates that hold all of it, m.
+        points: of what else is there, world, m.
+    """
+    at = motion[:: max(1, len(motion) // MOMENTS)]
+    found = [points.reshape(-1, 3)]
+    for name, outline in outlines.items():
+        position, q = problem.poses(problem.parts[name].body, at)
+        found.append((rotations.rotate(q[:, None], outline) + position[:, None]).reshape(-1, 3))
+    return np.vstack(found)
+
+
+def near(problem: Problem, motion: Array, cables: Mapping[str, CableMotion], outlines: Mapping[str, Array]) -> Array:
+    """Return points (n, 3), m, that a picture of the cables must hold: these, and the parts near them.
 
     Of a part that reaches far away only what is next to the cables counts: a cable on a ship is not to be a
     dot on a ship.
 
     Args:
-        problem: bodies and parts.
-        motion: (P,), 0 to 1, of the frames.
+        problem, motion, outlines: as in :func:`whole`.
         cables: the shapes in these frames.
-        outlines: points (k, 3) of each part in its body's coordinates that hold all of it, m.
     """
     stations = np.vstack([cable.position.reshape(-1, 3) for cable in cables.values()])
     lower, upper = stations.min(axis=0), stations.max(axis=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from harness_opt.files.summary import (
@@ -15,12 +15,14 @@ from harness_opt.files.summary import (
     moments_of,
 )
 from harness_opt.model.limits import KIND_OF_KEY, spoken
-from harness_opt.model.travel import Moments
+from harness_opt.model.problem import Moments
 from harness_opt.report.redesign_words import changes, redesign_words
-from harness_opt.report.text_table import WIDTH, laid_out
 
 ANSWERS = {"yes": "OK", "no": "VIOLATED", "uncertain": "UNCERTAIN"}
-HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "motion", "", "arc mm", "")
+HEAD = ("limit", "cable", "part", "limit", "worst", "margin", "", "at", "motion", "arc mm", "")
+OWN, SHARE = 7, 8  # columns of HEAD: where the motion stands in its own unit, and its share of all
+WIDTH = 80  # characters of a line, at most where columns may be cut
+NARROWEST = 6  # characters to which a column is cut, if need be
 LEFT = {0, 1, 2, 6, 10}  # columns set to the left, the others to the right
 SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
 NAMES = (2, 1)  # columns that may be cut, in this order
@@ -40,7 +42,9 @@ def table(
     """
     if not limits:
         return ""
-    rows, left = [HEAD, *(_cells(row, moments) for row in limits)], LEFT
+    told = next((words for words in map(moments.short, (row["motion"] for row in limits)) if words), "")
+    head = (*HEAD[:OWN], told.partition(" ")[2], *HEAD[SHARE:])
+    rows, left = [head, *(_cells(row, moments) for row in limits)], LEFT
     if before is not None:
         worst = {row["id"]: _number(row["worst"], KIND_OF_KEY[row["name"]].unit.factor) for row in before}
         column = ["before", *(worst.get(row["id"], "-") for row in limits)]
@@ -50,6 +54,9 @@ def table(
         ]
         rows[0] = tuple("after" if cell == "worst" else cell for cell in rows[0])
         left = {number + (number > 3) for number in LEFT}
+        if told:  # there is no room for both
+            rows = [(*row[: SHARE + 1], *row[SHARE + 2 :]) for row in rows]
+            left = {number - (number > SHARE) for number in left}
     return "\n".join(laid_out(rows, left, NAMES))
 
 
@@ -63,7 +70,7 @@ def _cells(row: LimitEntry, moments: Moments) -> tuple[str, ...]:
         _number(row["worst"], kind.unit.factor),
         _number(row["margin"], kind.unit.factor, "+"),
         kind.unit.name if row["worst"] is not None else "",
-        "" if row["worst"] is None else moments.short(row["motion"]),
+        "" if row["worst"] is None else moments.short(row["motion"]).partition(" ")[0],
         *where(row),
         ANSWERS[row["holds"]],
     )
@@ -85,7 +92,7 @@ def where(row: LimitEntry) -> tuple[str, str]:
     """Return when and where, in mm of arc, the worst of a row stands; dashes where there is none."""
     if row["worst"] is None:
         return "-", "-"
-    return percent(row["motion"]), f"{1e3 * row['arc_length']:.0f}"
+    return f"{100 * row['motion']:.0f}%", f"{1e3 * row['arc_length']:.0f}"
 
 
 def quantity(row: LimitEntry, value: float | None, sign: str = "") -> str:
@@ -164,6 +171,10 @@ def advice(summary: Summary, folder: Path | None) -> list[str]:
         lines.append(f"Next: harness-opt simulate {folder / 'redesigned.toml'}")
     elif summary["status"] == "infeasible":
         lines.append("Next: widen bounds in [design.variables], let more change, or relax a limit in the way.")
+    if summary["snaps"]:
+        lines.append("What a snap is: harness-opt explain snap")
+    if any(row["holds"] == "uncertain" for row in summary["limits"]):
+        lines.append("What uncertain means: harness-opt explain uncertain")
     if "report.html" in summary["files"]:
         lines.append(f"Report: {folder / 'report.html'}")
         if importlib.util.find_spec("pyvista") is not None:
@@ -258,3 +269,34 @@ def _shortfall(row: LimitEntry, moments: Moments) -> str:
 
 def _wrapped(words: str) -> str:
     return textwrap.fill(words, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+
+
+# --- columns --------------------------------------------------------------------------------------------
+
+
+def laid_out(
+    rows: Sequence[Sequence[str]], left: Collection[int] = (0,), cut: Sequence[int] = (), most: int = WIDTH
+) -> list[str]:
+    """Return ``rows`` as lines of columns.
+
+    Args:
+        rows: cells, the head first; a row may be short of columns at its end.
+        left: numbers of the columns set to the left; the others are set to the right.
+        cut: numbers of the columns that may be cut, in this order, so that a line has at most ``most`` characters.
+        most: characters.
+    """
+    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows)))]
+    for column in cut:
+        excess = sum(widths) + len(widths) - 1 - most
+        widths[column] = min(widths[column], max(NARROWEST, widths[column] - max(excess, 0)))
+    return [
+        " ".join(
+            _cell(cell, width, i in left) for i, (cell, width) in enumerate(zip(row, widths, strict=False))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _cell(words: str, width: int, is_left: bool) -> str:
+    short = words if len(words) <= width else words[: width - 1] + "~"
+    return short.ljust(width) if is_left else short.rjust(width)

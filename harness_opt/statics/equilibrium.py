@@ -55,6 +55,13 @@ class Shape(Quantities):
     _units: Units
     _origin: Array
 
+    def __repr__(self) -> str:
+        """Return one line."""
+        told = (
+            f"{'stable' if self.stable else 'unstable'}, energy {self.energy:.4g} J" if self.ok else self.status.value
+        )
+        return f"<Shape: {1e3 * float(self.s[-1]):.6g} mm at {len(self.s)} stations; {told}>"
+
     @property
     def ok(self) -> bool:
         """True only for a converged shape of certified accuracy."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.quantities import Quantities, quantities_of
-from harness_opt.files.values import one_of, shown
+from harness_opt.model.checks import one_of, shown
 from harness_opt.model.problem import Problem
 from harness_opt.studies.shared_problem import COMMANDS, Command, Shared
 from harness_opt.studies.store import Store

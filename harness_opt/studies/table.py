@@ -16,8 +16,7 @@ import numpy as np
 from harness_opt.errors import ProblemError
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.limits import kind_of
-from harness_opt.report.text_table import laid_out
-from harness_opt.report.words import percent
+from harness_opt.report.words import laid_out, percent
 from harness_opt.studies.variant import STATUSES, VariantResult
 
 CSV, PARQUET = "variants.csv", "variants.parquet"

@@ -13,7 +13,7 @@ import numpy as np
 from harness_opt.errors import ProblemError
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.quantity_keys import Quantity
-from harness_opt.files.values import dotted, one_of, shown
+from harness_opt.model.checks import dotted, one_of, shown
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.numerics.rotations import Array
 

@@ -158,7 +158,7 @@ def _turned(random: np.random.Generator) -> tuple[float, ...]:
 def _limits(random: np.random.Generator, problem: ho.Problem, motion: ho.Motion) -> ho.Limits:
     """Return limits that the known design holds with some slack; some are left out."""
     tight = ho.Limits(0.003, 1e-6, 1e-6, 1e-6, 1e-6)
-    rows = cable_limits(dataclasses.replace(problem, limits=tight), motion)
+    rows = cable_limits(problem.changed(limits=tight), motion)
     worst = {row.name: row.worst for row in rows}
     given = {name: worst[name] / SLACK for name in ("twist", "clamp_force", "clamp_moment") if random.random() < 0.3}
     return ho.Limits(clearance=0.003, bend_radius=SLACK * worst["bend_radius"], **given)
@@ -184,7 +184,7 @@ def _start(random: np.random.Generator, known: ho.Problem) -> Scene | None:
     reach = {"length": 0.15 * cable.length, "position": 0.08 * cable.length, "rotate": 30.0}
     widths = np.array([reach[design_variables.target(name).quantity] for name in names])
     free = tuple(ho.Variable(name, -100.0, 100.0) for name in names)
-    base = dataclasses.replace(known, design=ho.Design(variables=free))
+    base = known.changed(design=ho.Design(variables=free))
     best = design_variables.values(base)
     for _ in range(PLACES):
         shift = random.uniform(0.3, 0.9, len(names)) * random.choice([-1.0, 1.0], len(names)) * widths
@@ -203,7 +203,7 @@ def _start(random: np.random.Generator, known: ho.Problem) -> Scene | None:
         variables = tuple(
             ho.Variable(name, float(m - w), float(m + w)) for name, m, w in zip(names, good, widths, strict=True)
         )
-        return Scene("feasible", dataclasses.replace(moved, design=ho.Design("change", variables)), good)
+        return Scene("feasible", moved.changed(design=ho.Design("change", variables)), good)
     return None
 
 
@@ -352,7 +352,7 @@ def infeasible(seed: int) -> Scene:
         motion = _well_bent(bare)
         if motion is None:
             continue
-        scene = kinds[seed % len(kinds)](random, dataclasses.replace(bare, design=ho.Design("change", free)), motion)
+        scene = kinds[seed % len(kinds)](random, bare.changed(design=ho.Design("change", free)), motion)
         if scene is not None:
             return dataclasses.replace(scene, name=f"infeasible {seed} ({scene.name})")
 

@@ -40,7 +40,7 @@ def test_check_says_what_would_be_solved_and_writes_nothing(here, capsys):
     assert "turns about the axis (0, 1, 0) through the point (200, 0, 0) mm, from 0 to 20 deg" in words
     assert "sphere; at least 4 mm clear box from (60, -20, -20) to (100, 20, 20) mm" in words
     assert "Left out: other cables, for there is only one." in words
-    assert "lead.length in [0.25, 0.45]" in words
+    assert "lead.length: 0.3 m now, within [0.25, 0.45]" in words
     assert max(map(len, out.splitlines())) <= tables.WIDTH
     assert err == ""
     assert os.listdir() == ["flap.toml"]

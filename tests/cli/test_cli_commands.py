@@ -192,12 +192,12 @@ def test_completion(here, capsys, shell):
     variables = {
         **environment(),
         "_HARNESS_OPT_COMPLETE": "bash_complete",
-        "COMP_WORDS": "harness-opt ex",
+        "COMP_WORDS": "harness-opt exp",
         "COMP_CWORD": "1",
     }
     command = [sys.executable, "-m", "harness_opt"]
     done = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
-    assert done.stdout.splitlines() == ["plain,export"]
+    assert done.stdout.splitlines() == ["plain,explain", "plain,export"]
 
 
 def test_export(here, capsys):

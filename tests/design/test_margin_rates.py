@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import dataclasses
 import functools
 
 import numpy as np
@@ -71,7 +70,7 @@ def problem() -> ho.Problem:
     bare = ho.Problem(cables, bodies, parts, (1.0, 2.0, -9.0), limits)
     names = design_variables.names(bare)
     variables = tuple(ho.Variable(name, -100, 100) for name in names)
-    return dataclasses.replace(bare, design=Design(variables=variables))
+    return bare.changed(design=Design(variables=variables))
 
 
 NAMES = [variable.name for variable in problem().design.variables]

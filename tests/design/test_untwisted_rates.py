@@ -46,7 +46,7 @@ def problem(section: str, ends: str) -> ho.Problem:
     }
     bare = ho.Problem({"lead": run}, bodies, gravity=(1.0, 2.0, -9.0))
     variables = tuple(ho.Variable(name, -100, 100) for name in design_variables.names(bare))
-    return ho.Problem({"lead": run}, bodies, gravity=(1.0, 2.0, -9.0), design=Design(variables=variables))
+    return ho.Problem({"lead": run}, bodies, gravity=(1.0, 2.0, -9.0)).changed(design=Design(variables=variables))
 
 
 @functools.cache

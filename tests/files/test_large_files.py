@@ -12,7 +12,7 @@ from harness_opt.errors import ProblemError
 from harness_opt.files import places as file_places
 from harness_opt.files import read as problem_file
 from harness_opt.files.read import read_problem
-from harness_opt.files.values import dotted
+from harness_opt.model.checks import dotted
 from harness_opt.parts.scene import load_scene
 from oracles.flap import FLAP, put
 from oracles.problem_files import HINGE, MESH, changed, mistakes, naming, written

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import math
 import re
@@ -67,8 +66,8 @@ def test_minimal_file_takes_the_defaults(folder: Path) -> None:
     assert lead.start.frame is not None
     np.testing.assert_allclose(rotations.matrix(lead.start.frame)[:, 0], [0, 0, 1], atol=1e-15)
     np.testing.assert_allclose(rotations.tangent(lead.start.frame), [1, 0, 0], atol=1e-15)
-    rest = dataclasses.replace(problem, cables={}, file=None, sha256=None)
-    assert rest == Problem(cables={})
+    rest = problem.changed(cables={}, file=None, sha256=None)
+    assert rest == Problem(cables=problem.cables).changed(cables={})
 
 
 @pytest.mark.parametrize(

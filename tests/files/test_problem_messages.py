@@ -162,7 +162,11 @@ BETWEEN = [
     ("housing.stl", "hosing.stl", 'parts.housing.mesh: found "meshes/hosing.stl", no such file (did you mean'),
     ("housing.stl", "hosing.stl", "did you mean 'housing.stl'?"),
     ("housing.stl", "empty.stl", 'parts.housing.mesh: found "meshes/empty.stl", an empty file, expected a mesh (paths'),
-    ("housing.stl", "housing.step", 'parts.housing.mesh: found "meshes/housing.step", expected a file ending in'),
+    (
+        "housing.stl",
+        "housing.step",
+        'parts.housing.mesh: found "meshes/housing.step", a kind of CAD file that',
+    ),
     ("meshes/housing.stl", "meshes", 'parts.housing.mesh: found "meshes", a folder, expected a mesh (paths'),
     ("meshes/housing.stl", "a\\u0000.stl", "parts.housing.mesh: found "),
 ]

@@ -21,9 +21,8 @@ def test_ends_further_apart_than_the_length():
 
 def test_clamp_that_moves_further_than_the_length():
     run = ho.CableRun(CABLE, START, ho.End((0, 0, 0.9), UP, body="lift"))
-    problem = ho.Problem({"lead": run}, {"lift": ho.Body(ho.Slide((0, 0, 1), 0.0, 0.3))})
-    with pytest.raises(ho.ProblemError, match=r"length: .*expected at least"):
-        ho.simulate(problem)
+    with pytest.raises(ho.ProblemError, match=r"cables\.lead\.length: .*expected at least"):
+        ho.Problem({"lead": run}, {"lift": ho.Body(ho.Slide((0, 0, 1), 0.0, 0.3))})
 
 
 @pytest.mark.parametrize("end", [ho.End(), ho.End(force=(0, 0, 1)), ho.End(quaternion=UP, force=(0, 0, 1))])
@@ -37,12 +36,12 @@ def test_neither_end_has_a_position(end):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"position": (0, 0, 0), "force": (0, 0, 1)}, "force: an end takes position or force, found both"),
-        ({"quaternion": UP, "moment": (0, 0, 1)}, "moment: an end takes quaternion or moment, found both"),
+        ({"position": (0, 0, 0), "force": (0, 0, 1)}, "force: found position as well, expected position or force"),
+        ({"quaternion": UP, "moment": (0, 0, 1)}, "moment: found quaternion as well, expected quaternion or moment"),
         ({"quaternion": (1, 1, 0, 0)}, "quaternion: .*unit quaternion"),
         ({"quaternion": (0, 0, 0, 0)}, "quaternion: .*unit quaternion"),
-        ({"position": (0, 0)}, "position: .*expected 3"),
-        ({"position": "here"}, "position: .*expected 3"),
+        ({"position": (0, 0)}, "position: .*three numbers"),
+        ({"position": "here"}, "position: .*three numbers"),
         ({"turns": 0.5}, "turns: .*whole number"),
         ({"turns": NAN}, "turns: .*whole number"),
         ({"turns": math.inf}, "turns: .*whole number"),
@@ -59,7 +58,7 @@ def test_an_end_that_is_not_finite(name, count, bad):
     for k in range(count):
         numbers = [0.0] * count
         numbers[k] = bad
-        with pytest.raises(ho.ProblemError, match=f"{name}: .*finite"):
+        with pytest.raises(ho.ProblemError, match=rf"{name}: .*(three numbers|four numbers of a unit quaternion)"):
             ho.End(**{name: tuple(numbers)})
 
 

@@ -15,10 +15,9 @@ from harness_opt.files.stored_results import read_results
 from harness_opt.model.design import Limits
 from harness_opt.model.parts import Part, Sphere
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Problem
 from harness_opt.parts.scene import load_scene
 from oracles.flap import FLAP, PLAIN, put, strict
-from oracles.problems import PROBLEMS
+from oracles.problems import PROBLEMS, shipped
 
 ODD = [
     ("length = 0.3\n", "length = 300\n", "cables.lead.length: found 300 m, longer than a ship"),
@@ -89,7 +88,8 @@ def test_parts_that_are_too_small_to_be_meant(here):
 
 
 def test_parts_without_cables_are_compared_with_nothing():
-    alone = Problem({}, parts={"ball": Part(Sphere(1e9))}, limits=Limits(clearance=1e9))
+    parts = {"ball": Part(Sphere(1e9))}
+    alone = shipped("lift_arm").changed(cables={}, bodies={}, parts=parts, limits=Limits(clearance=1e9))
     assert load_scene(alone).warnings == () == doubts(alone)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.files.summary import moments_of
-from harness_opt.model.travel import Moments
+from harness_opt.model.problem import Moments
 from harness_opt.report.summary import summary
 from oracles.problems import shipped
 
@@ -19,7 +19,7 @@ TABLE = ho.Body(ho.Poses((2.0, 3.0, 6.0), ((0, 0, 0),) * 3, ((1, 0, 0, 0),) * 3)
 
 
 def moments(duration: float = 4.0, **bodies: ho.Body) -> Moments:
-    return Moments.of(dataclasses.replace(shipped("lift_arm"), bodies=bodies, duration=duration))
+    return Moments.of(shipped("lift_arm").changed(bodies=bodies, duration=duration))
 
 
 @pytest.mark.parametrize(

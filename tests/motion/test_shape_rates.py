@@ -46,7 +46,7 @@ def problem(held: str) -> ho.Problem:
     }
     bare = ho.Problem({"lead": ho.CableRun(cable, start, end)}, bodies, gravity=(1.0, 2.0, -9.0))
     variables = tuple(ho.Variable(name, -100, 100) for name in design_variables.names(bare))
-    return dataclasses.replace(bare, design=Design(variables=variables))
+    return bare.changed(design=Design(variables=variables))
 
 
 def swept(problem: ho.Problem, near=None):

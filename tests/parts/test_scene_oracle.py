@@ -11,7 +11,6 @@ import trimesh
 
 from harness_opt.errors import ProblemError
 from harness_opt.model.parts import Box, MeshFile, Part, Sphere
-from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.vectors import lengths
 from harness_opt.parts import mesh_headers
@@ -344,7 +343,7 @@ def test_refusals_name_the_part_and_the_key(tmp_path):
     parts["flat"] = Part(Box((0.1, 0.0, 0.1)))
     parts["ball"] = Part(Sphere(-1.0))
     with pytest.raises(ProblemError) as caught:
-        load_scene(Problem(problem_with(parts["flat"]).cables, parts=parts))
+        load_scene(problem_with(Part(Sphere(1.0))).changed(parts=parts))
     assert len(caught.value.mistakes) == len(parts)
     for name, line in zip(parts, caught.value.mistakes, strict=True):
         assert line.startswith(f"parts.{name}.")

@@ -20,7 +20,7 @@ from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
 from harness_opt.pictures import export as exports
 from harness_opt.pictures.gltf import gltf
-from harness_opt.pictures.swept_volume import swept_volume
+from harness_opt.pictures.swept_volume import for_stl, swept_volume
 
 DOWN = (0.0, 0.0, 1.0, 0.0)
 UP_AXIS = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # from z up to y up
@@ -53,7 +53,7 @@ def folder(motion, tmp_path) -> Path:
 
 
 def test_an_unknown_export_is_refused(folder, tmp_path):
-    with pytest.raises(HarnessError, match="found an export to 'vrml', expected one of paraview, csv, gltf, stl"):
+    with pytest.raises(HarnessError, match="found an export to 'vrml', expected one of paraview, csv, gltf, stl, dxf"):
         exports.export(folder, "vrml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -309,7 +309,7 @@ def test_a_swept_volume_holds_every_shape(motion, folder, tmp_path):
     swept = swept_volume(motion, "the lead")
     shapes = motion.cables["the lead"]
     mesh = load_scene(
-        ho.Problem(cables=motion.problem.cables, parts={"swept": ho.Part(ho.MeshFile(_saved(swept, tmp_path), "m"))})
+        motion.problem.changed(parts={"swept": ho.Part(ho.MeshFile(_saved(swept, tmp_path), "m"))})
     ).parts["swept"]
     inside = mesh.signed_distance(shapes.position.reshape(-1, 3))[0]
     assert np.all(inside <= -0.0025 + 1e-7), "the radius of the cable lies around every station"
@@ -320,6 +320,58 @@ def test_a_swept_volume_holds_every_shape(motion, folder, tmp_path):
     assert np.all(nearest <= 0.0025 + swept.excess / 0.98 + between + 2e-4)
     (told,) = exports.export(folder, "stl", tmp_path / "out")
     assert "cm3" in told and trimesh.load(tmp_path / "out" / "swept_the_lead_m.stl").is_watertight
+
+
+def test_an_stl_in_millimetres_is_closed_for_other_readers(motion, folder, tmp_path):
+    pytest.importorskip("manifold3d", reason="manifold3d (the extra 'meshes') is not installed")
+    (told,) = exports.export(folder, "stl", tmp_path / "out", "mm")
+    assert "in millimetres" in told
+    raw = np.fromfile(
+        tmp_path / "out" / "swept_the_lead_mm.stl",
+        np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")]),
+        offset=84,
+    )["corners"]
+    # as a reader sees it that merges equal corners and nothing else
+    _, index = np.unique(raw.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = index.reshape(-1, 3)
+    assert np.all(faces[:, [0, 1, 2]] != faces[:, [1, 2, 0]]), "no triangle without an area"
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    there, back = ({tuple(e): n for e, n in zip(*np.unique(x, axis=0, return_counts=True), strict=True)} for x in (
+        edges, edges[:, ::-1]
+    ))  # fmt: skip
+    assert {tuple(map(int, k)): v for k, v in there.items()} == {tuple(map(int, k)): v for k, v in back.items()}
+    swept = swept_volume(motion, "the lead")
+    volume = np.sum(np.linalg.det(raw.astype(float))) / 6
+    assert volume == pytest.approx(1e9 * swept.volume, rel=1e-5)
+
+
+def test_corners_that_numbers_of_32_bits_make_one_leave_a_closed_surface():
+    box = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide().subdivide()
+    near = np.asarray(box.vertices).copy()
+    near[1] = near[np.argsort(np.linalg.norm(near - near[1], axis=1))[1]] + 1e-12
+    vertices, faces = for_stl(near, np.asarray(box.faces))
+    assert len(vertices) == len(near) - 1 and len(faces) < len(box.faces)
+    assert trimesh.Trimesh(vertices, faces, process=False).is_watertight
+
+
+def test_centrelines_in_dxf_are_those_of_the_frames(motion, folder, tmp_path):
+    (told, *_) = exports.export(folder, "dxf", tmp_path / "out", "mm")
+    assert "in mm" in told and "a layer each" in told
+    lines = (tmp_path / "out" / "the_lead_mm.dxf").read_text().splitlines()
+    pairs = list(zip(map(int, lines[::2]), lines[1::2], strict=True))
+    assert pairs[-1] == (0, "EOF") and (70, "4") in pairs, "millimetres"
+    starts = [k for k, pair in enumerate(pairs) if pair == (0, "POLYLINE")]
+    position = motion.cables["the lead"].position
+    assert len(starts) == len(position)
+    for frame in (0, len(position) - 1):
+        end = pairs.index((0, "SEQEND"), starts[frame])
+        body = pairs[starts[frame] + 7 : end]
+        found = np.array([float(value) for code, value in body if code in (10, 20, 30)]).reshape(-1, 3)
+        assert found == pytest.approx(1e3 * position[frame], abs=1e-9)
+    layers = {value for code, value in pairs if code == 8}
+    assert len(layers) == len(position) and all(layer.startswith("frame_") for layer in layers)
+    with pytest.raises(HarnessError, match="found the unit 'inch', expected one of m, mm"):
+        exports.export(folder, "stl", tmp_path / "out", "inch")
 
 
 def _saved(swept, folder: Path) -> Path:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import dataclasses
 import hashlib
-import json
 import re
 import time
 
@@ -16,7 +15,7 @@ import trimesh
 import harness_opt as ho
 from harness_opt.clearance.measure import measure
 from harness_opt.model.limits import KIND_OF_KEY
-from harness_opt.model.results import Motion, Snap
+from harness_opt.model.results import Snap
 from harness_opt.parts import triangles as part_triangles
 from harness_opt.parts.scene import load_scene
 from harness_opt.report import charts
@@ -26,6 +25,7 @@ from harness_opt.report import scene_data as web_scene
 from harness_opt.report.summary import summary
 from oracles.browser import looked_through, opened
 from oracles.problems import PROBLEMS
+from oracles.report_scene import data_of, flap, heights, many, page_of
 
 # files, and frames: few of the rig's, whose whole motion takes a minute
 RIG = tuple(np.linspace(0.2, 1.0, 9))
@@ -35,49 +35,6 @@ NASTY = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&"
 MEGABYTES = 1e6
 MOST_SECONDS = 10.0  # for a report of 100 frames
 MOST_SIZE = 10 * MEGABYTES
-
-
-def flap(**changes: object) -> ho.Problem:
-    """Return a cable that bows over a ball to a flap that opens by 20 degrees."""
-    ends = {
-        "start": ho.End(position=(0, 0, 0), quaternion=(1, 0, 0, 0)),
-        "end": ho.End(position=(0.15, 0.02, 0), quaternion=(0, 0, 1, 0), body="flap"),
-    }
-    given = {
-        "cables": {"lead": ho.CableRun(ho.Cable(0.3, 0.005, 2e-3, 1.5e-3, 0.05), **ends)},
-        "bodies": {"flap": ho.Body(ho.Hinge((0.2, 0, 0), (0, 1, 0), 0.0, np.deg2rad(20)))},
-        "parts": {"ball": ho.Part(ho.Sphere(0.02), position=(0.08, 0, 0))},
-        "gravity": (0.0, 0.0, -9.81),
-        "limits": ho.Limits(clearance=0.004, bend_radius=0.01, twist=6.0, clamp_force=50.0, clamp_moment=5.0),
-        "spatial_step": 0.01,
-        "title": "A flap",
-    }
-    return ho.Problem(**{**given, **changes})  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def motion() -> Motion:
-    return ho.simulate(flap())
-
-
-@pytest.fixture(scope="module")
-def design():
-    ball = {"ball": ho.Part(ho.Sphere(0.02), position=(0.08, 0.01, 0.092))}
-    return ho.redesign(flap(parts=ball, design=ho.Design("change", (ho.Variable("lead.length", 0.25, 0.45),))))
-
-
-def page_of(result) -> str:
-    return html_report.html(html_report.prepare(result), summary(result))
-
-
-def data_of(page: str) -> dict:
-    """Return what the page's script is given."""
-    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
-
-
-def many(frames: int) -> Motion:
-    """Return the flap's motion in so many frames."""
-    return ho.simulate(flap(), frames=np.linspace(0.0, 1.0, frames))
 
 
 # --- one file ------------------------------------------------------------------------------------------
@@ -98,7 +55,7 @@ def test_the_page_says_what_the_summary_says(motion):
 
 def test_the_page_needs_nothing_else(motion):
     page = page_of(motion)
-    assert not re.search(r"(src|href)\s*=|url\(|@import|https?://|fetch\(|XMLHttpRequest", page)
+    assert not re.search(r"(src|href)\s*=|url\((?!#)|@import|https?://|fetch\(|XMLHttpRequest", page)
     policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)[1]
     assert "default-src 'none'" in policy and "unsafe" not in policy
     for element, directive in (("style", "style-src"), ("script", "script-src")):
@@ -245,10 +202,6 @@ def test_a_coarser_grid_keeps_the_shape():
 # --- curves --------------------------------------------------------------------------------------------
 
 
-def heights(path: str) -> list[float]:
-    return [float(y) for y in re.findall(r"[ML][\d.]+ (-?[\d.]+)", path)]
-
-
 def test_curves_stand_where_their_ticks_say():
     values = np.array([0.0, 5.0, 10.0, np.nan, 2.5])
     chart = charts.Chart("T", "mm", np.linspace(0, 1, 5), {"": values}, limits=(4.0,), most=False)
@@ -258,6 +211,7 @@ def test_curves_stand_where_their_ticks_say():
     expected = [zero + (five - zero) * value / 5.0 for value in (0.0, 5.0, 10.0, 2.5)]
     assert heights(drawn.lines[""]) == pytest.approx(expected, abs=0.15)
     assert drawn.lines[""].count("M") == 2, "a gap where nothing is known"
+    assert drawn.beyond == {}, "nothing is cut off"
     assert drawn.limits[0] == pytest.approx(zero + (five - zero) * 0.8, abs=0.15)
     (top, height), *_ = drawn.broken
     assert top == drawn.limits[0] and top + height == charts.HEIGHT - charts.BOTTOM, "less is not allowed"

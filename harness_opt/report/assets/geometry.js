@@ -88,6 +88,25 @@ function tube(points, radius, sides) {
   return { positions, normals, stations, indices: new Uint32Array(indices) };
 }
 
+const ARROW = [[0, 0], [0.028, 0], [0.028, 0.7], [0.09, 0.7], [0, 1]]; // radius and height of an arrow's outline
+
+/** An arrow of length 1 along axis `k`: {positions, normals}, three points a triangle. */
+function arrow(k, sides) {
+  const positions = [], normals = [], turned = (p) => [p[(3 - k + 2) % 3], p[(4 - k + 2) % 3], p[(5 - k + 2) % 3]];
+  for (let i = 1; i < ARROW.length; i++) {
+    const [[r0, z0], [r1, z1]] = [ARROW[i - 1], ARROW[i]];
+    for (let j = 0; j < sides; j++) {
+      const at = (r, z, n) => [r * Math.cos((2 * Math.PI * n) / sides), r * Math.sin((2 * Math.PI * n) / sides), z];
+      const out = unit(at(z1 - z0, r0 - r1, j + 0.5));
+      for (const corner of [at(r0, z0, j), at(r0, z0, j + 1), at(r1, z1, j + 1), at(r0, z0, j), at(r1, z1, j + 1), at(r1, z1, j)]) {
+        positions.push(...turned(corner));
+        normals.push(...turned(out));
+      }
+    }
+  }
+  return { positions: new Float32Array(positions), normals: new Float32Array(normals) };
+}
+
 const EDGE_COSINE = Math.cos((30 * Math.PI) / 180); // between faces, from which an edge is sharp
 
 /** Triangles with normals that are smooth across blunt edges, and the sharp edges as pairs of points. */

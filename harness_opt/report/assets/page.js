@@ -3,6 +3,8 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const one = (selector) => document.querySelector(selector);
 const all = (selector) => [...document.querySelectorAll(selector)];
+const NARROW = 600; // pixels
+const MOST_TOLD = 3; // bodies whose places are told
 const state = { moment: data.begin, playing: false, last: 0, stage: null };
 
 function theme(printing = false) {
@@ -24,13 +26,25 @@ function solvedFrame() {
   return best;
 }
 
+/** A moment, 0 to 1, in the unit of each body that moves, and per cent. */
+function told(moment) {
+  const { ways, out_and_back: back } = data.path, share = back ? 1 - Math.abs(2 * moment - 1) : moment;
+  const places = ways.slice(0, MOST_TOLD).map(({ body, unit, start, stop }) => {
+    const value = (start + share * (stop - start)).toFixed(unit === "s" ? 2 : 1);
+    return `${ways.length > 1 ? `${body} ` : ""}${value === "-0.0" ? "0.0" : value} ${unit}`;
+  });
+  const way = back && moment > 0.5 ? " on the way back" : "";
+  const percent = `${(100 * moment).toFixed(1)} %`;
+  return places.length ? `${places.join(", ")}${way}, ${percent}` : percent;
+}
+
 const number = (value, digits) => (value === null || value === undefined ? "-" : value.toFixed(digits));
 
 function tell() {
   const frame = solvedFrame();
   one("#slider").value = state.moment;
   one("#moment").textContent =
-    `${(100 * data.motion[frame]).toFixed(1)} % of the motion, ${(data.motion[frame] * data.duration).toFixed(2)} s, ` +
+    `${told(data.motion[frame])}, ${(data.motion[frame] * data.path.duration).toFixed(2)} s, ` +
     `frame ${frame} of ${data.motion.length - 1}`;
   all("[data-row]").forEach((cell) => {
     const row = data.rows[cell.dataset.row], value = row.values[frame];
@@ -55,6 +69,7 @@ function shownActs() {
 }
 
 function drawKey(mode) {
+  if (!one("#key")) return;
   one("#key").dataset.mode = mode;
   const scale = data.scales[mode];
   one("#ramp").hidden = !scale;
@@ -80,25 +95,19 @@ function draw(printing = false) {
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const options = {
     mode: chosen("mode"), parts: chosen("parts"), ghosts: ticked("ghosts"), frames: ticked("frames"),
-    witness: ticked("witness"),
+    witness: ticked("witness"), names: ticked("names"),
   };
   drawKey(options.mode);
   const drawn = stage.draw(state.moment, shown, options, theme(printing));
-  one("#labels").replaceChildren(...drawn.flatMap(({ sceneView, witness }, column) => {
-    const labels = [];
-    const put = (words, kind, x, y) => {
-      const label = document.createElement("span");
-      label.textContent = words;
-      label.className = kind;
-      label.style.left = `${100 * x}%`;
-      label.style.top = `${100 * y}%`;
-      labels.push(label);
-    };
-    if (sceneView.scene.title) put(sceneView.scene.title, "title", column / shown.length, 0);
+  one("#labels").replaceChildren(...drawn.flatMap(({ sceneView, seen, witness }, column) => {
+    const labels = options.names ? nameLabels(stage.names(sceneView, options), seen, column, shown.length, canvas) : [];
+    if (sceneView.scene.title) labels.push(label(sceneView.scene.title, "title", [column / shown.length, 0]));
     const side = witness && witness.at[0] * shown.length - column > 0.7 ? " left" : "";
-    if (witness) put(witness.words, `witness${side}${witness.broken ? " broken" : ""}`, ...witness.at);
+    if (witness) labels.push(label(witness.words, `witness${side}${witness.broken ? " broken" : ""}`, witness.at));
     return labels;
   }));
+  drawAxes(drawn[0].seen);
+  drawScale(stage.camera, canvas);
 }
 
 let asked = false;
@@ -132,7 +141,7 @@ function play(wanted) {
   state.last = performance.now();
   const tick = (now) => {
     if (!state.playing) return;
-    go(state.moment + (now - state.last) / 1000 / data.duration);
+    go(state.moment + (now - state.last) / 1000 / data.path.duration);
     state.last = now;
     if (state.moment >= 1) play(false);
     else requestAnimationFrame(tick);
@@ -181,17 +190,19 @@ function handlePointer(canvas) {
 }
 
 function begin() {
+  const after = one("input[name=shown][value=after]");
+  if (after && innerWidth < NARROW) after.checked = true; // two side by side would be stamps
   one("#slider").addEventListener("input", (event) => {
     play(false);
     go(Number(event.target.value));
   });
   one("#play").addEventListener("click", () => play(!state.playing));
-  one("#worst").addEventListener("click", () => go(data.worst));
+  one("#worst")?.addEventListener("click", () => go(data.worst));
   all("#controls input").forEach((input) => input.addEventListener("change", redraw));
   all("[data-look]").forEach((button) => button.addEventListener("click", () => {
     if (!state.stage) return;
     const sides = { top: [0, 0, 1], front: [0, -1, 0], side: [1, 0, 0] };
-    state.stage.camera.face(sides[button.dataset.look] ?? data.view.back);
+    state.stage.camera.face(sides[button.dataset.look] ?? data.view.back, button.dataset.look === "near");
     redraw();
   }));
   all("[data-go]").forEach((button) => button.addEventListener("click", () => {
@@ -206,6 +217,10 @@ function begin() {
     try {
       state.stage = new Stage(one("#canvas"), data);
       handlePointer(one("#canvas"));
+      partsList((hidden) => {
+        state.stage.hidden = hidden;
+        redraw();
+      });
     } catch (error) {
       one("#no-scene").hidden = false;
       one("#no-scene").textContent = `The scene can't be drawn: ${error.message}. Everything else in this report stands.`;
@@ -213,8 +228,24 @@ function begin() {
   }
   new ResizeObserver(redraw).observe(one("#canvas") ?? document.body);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  addEventListener("beforeprint", () => draw(true));
-  addEventListener("afterprint", () => draw());
+  all("[data-fold]").forEach((button) => {
+    const group = button.closest("tbody");
+    group.classList.add("folded");
+    button.addEventListener("click", () => {
+      const open = !group.classList.toggle("folded");
+      button.textContent = open ? "less" : button.dataset.fold;
+      button.setAttribute("aria-expanded", open);
+    });
+  });
+  const closed = all("details:not([open])");
+  addEventListener("beforeprint", () => {
+    closed.forEach((details) => (details.open = !details.dataset.screen));
+    draw(true);
+  });
+  addEventListener("afterprint", () => {
+    closed.forEach((details) => (details.open = false));
+    draw();
+  });
   draw();
 }
 

@@ -101,6 +101,7 @@ class SceneView {
         if (!best || value > best.value) best = { cable, k, value };
       }
     }
+    if (!best) return null;
     const line = this.line(best.cable, this.frame), at = [...line.subarray(3 * best.k, 3 * best.k + 3)];
     const radius = 1000 / Math.max(best.value, 1e-9);
     const words = mode === "twist" ? `twist ${best.value.toFixed(0)} deg/m`
@@ -118,16 +119,23 @@ class Stage {
     this.parts = data.parts.map((part) => {
       const whole = decode(part.vertices, Uint16Array), vertices = new Float32Array(whole.length);
       whole.forEach((value, k) => (vertices[k] = part.lower[k % 3] + value * part.step[k % 3]));
-      const made = solid(vertices, decode(part.faces, Uint32Array));
-      return { ...part, mesh: this.renderer.mesh(made), edges: this.renderer.mesh({ positions: made.edges }) };
+      const made = solid(vertices, decode(part.faces, part.wide ? Uint32Array : Uint16Array));
+      const bounds = [0, 1, 2].map((k) => {
+        let [low, high] = [Infinity, -Infinity];
+        for (let i = k; i < vertices.length; i += 3) [low, high] = [Math.min(low, vertices[i]), Math.max(high, vertices[i])];
+        return (low + high) / 2;
+      });
+      return { ...part, middle: bounds, mesh: this.renderer.mesh(made), edges: this.renderer.mesh({ positions: made.edges }) };
     });
     this.sceneViews = data.scenes.map((scene) => new SceneView(this.renderer, scene, scene.colours));
-    this.frameArrows = this.data.palette.axes.map((_, k) => {
-      const tip = [0, 0, 0].map((_, j) => (j === k ? 1 : 0));
-      return this.renderer.mesh(tube(new Float32Array([0, 0, 0, ...tip]), 0.05, 10));
-    });
+    this.frameArrows = this.data.palette.axes.map((_, k) => this.renderer.mesh(arrow(k, 16)));
     this.sleeve = this.renderer.mesh(tube(new Float32Array([0, 0, -0.4, 0, 0, 2.2]), 1.5, 24));
     this.pointer = this.renderer.mesh({ positions: new Float32Array(3) });
+    this.hidden = new Set(); // numbers of parts
+  }
+
+  visible(options) {
+    return options.parts === "none" ? [] : this.parts.filter((_, k) => !this.hidden.has(k));
   }
 
   /** Draw the scene views numbered in `shown` side by side, and return where their labels go, 0 to 1 of the canvas. */
@@ -139,8 +147,10 @@ class Stage {
       const seen = this.renderer.begin([column * width, 0, width, canvas.height], this.camera, theme.paper);
       this.drawParts(sceneView, options, theme);
       this.drawCables(sceneView, options);
-      if (options.ghosts) this.drawGhosts(sceneView, theme);
-      return { sceneView, ...this.drawWitness(sceneView, seen, options, theme, column, shown.length) };
+      this.drawClamps(sceneView, options, theme);
+      this.drawGlass(options);
+      if (options.ghosts) this.drawGhosts(sceneView, options, theme);
+      return { sceneView, seen, ...this.drawWitness(sceneView, seen, options, theme, column, shown.length) };
     });
   }
 
@@ -149,17 +159,19 @@ class Stage {
     if (mode === "bend") return ramp(stops, cable.curvature[k] / scales.bend.most);
     if (mode === "twist") return ramp(stops, cable.twist[k] / scales.twist.most);
     if (mode === "clearance") return ramp(stops, 1 - cable.clearance[k] / scales.clearance.most);
-    const state = this.data.palette.states[cable.state[k]];
-    return state ? rgb(state) : cable.colour;
+    const number = cable.state[k], state = this.data.palette.states[number];
+    if (!state) return cable.colour;
+    // rings as well as colours: broad ones where a limit is broken, narrow ones where something is touched
+    const pale = k % (number === 1 ? 4 : 2) >= (number === 1 ? 2 : 1);
+    return pale ? add(scale(rgb(state), 0.45), [1, 1, 1], 0.55) : rgb(state);
   }
 
   drawParts(sceneView, options, theme) {
     const touched = new Set(sceneView.nearest.filter((pair) => pair.clearance[sceneView.frame] < 0).map((pair) => pair.part));
-    if (options.parts === "none") return;
     const clear = (part) => options.parts === "glass" || touched.has(part.name);
-    for (const part of [...this.parts].sort((a, b) => clear(a) - clear(b))) {
+    for (const part of this.visible(options).sort((a, b) => clear(a) - clear(b))) {
       const model = sceneView.pose(part.body, sceneView.frame), glass = clear(part);
-      const colour = touched.has(part.name) ? theme.hit : part.moves ? theme.moving : theme.still;
+      const colour = touched.has(part.name) || part.odd ? theme.hit : part.moves ? theme.moving : theme.still;
       part.pending = { model, colour, glass };
       if (!glass) this.renderer.draw(part.mesh, { model, colour });
       this.renderer.drawLines(part.edges, { model, colour: theme.edge, alpha: glass ? 0.55 : 1 });
@@ -178,17 +190,49 @@ class Stage {
         this.data.palette.axes.forEach((hex, k) => this.renderer.draw(this.frameArrows[k], { model: sized([long, long, long]), colour: rgb(hex) }));
       }
     }
-    for (const part of this.parts) {
-      if (options.parts !== "none" && part.pending?.glass)
+  }
+
+  /** Clamps of a scene that was not solved: a sleeve, an arrow along the cable, d1 where the roll is given, and the
+   * straight line to the other end. */
+  drawClamps(sceneView, options, theme) {
+    const sized = (model, k) => multiply(model, new Float32Array([k, 0, 0, 0, 0, k, 0, 0, 0, 0, k, 0, 0, 0, 0, 1]));
+    for (const clamp of sceneView.scene.clamps ?? []) {
+      const model = multiply(sceneView.pose(clamp.body, sceneView.frame), placement(clamp.position, clamp.quaternion));
+      const colour = rgb(clamp.odd ? this.data.palette.states[2] : this.data.palette.sleeve);
+      this.renderer.draw(this.sleeve, { model: sized(model, clamp.radius), colour });
+      const long = clamp.long, arrows = clamp.roll ? [0, 2] : [2];
+      if (clamp.tangent) arrows.forEach((k) => this.renderer.draw(this.frameArrows[k], {
+        model: sized(model, long), colour: rgb(this.data.palette.axes[k]), above: true, shine: 0 }));
+    }
+    for (const line of sceneView.scene.lines ?? []) {
+      const ends = line.ends.map(({ body, position }) => moved(sceneView.pose(body, sceneView.frame), position));
+      this.renderer.fill(this.pointer, { positions: new Float32Array(ends.flat()) });
+      this.renderer.drawLines(this.pointer, { colour: line.colour ? rgb(line.colour) : theme.ink, above: true });
+    }
+  }
+
+  drawGlass(options) {
+    for (const part of this.visible(options)) {
+      if (part.pending?.glass)
         this.renderer.draw(part.mesh, { model: part.pending.model, colour: part.pending.colour, alpha: 0.32 });
     }
   }
 
-  drawGhosts(sceneView, theme) {
+  /** What is named, for labels: [{words, kind, point}], clamps first. */
+  names(sceneView, options) {
+    const clamps = (sceneView.scene.clamps ?? []).map((clamp) => ({
+      words: clamp.name, kind: clamp.odd ? "name odd" : "name clamp",
+      point: moved(sceneView.pose(clamp.body, sceneView.frame), clamp.position) }));
+    const parts = this.visible(options).map((part) => ({ words: part.name, kind: part.odd ? "name odd" : "name",
+      point: moved(sceneView.pose(part.body, sceneView.frame), part.middle) }));
+    return [...clamps, ...parts.sort((a, b) => (b.kind === "name odd") - (a.kind === "name odd"))];
+  }
+
+  drawGhosts(sceneView, options, theme) {
     for (const ghost of sceneView.ghosts) {
       if (ghost.frame === sceneView.frame) continue;
       sceneView.cables.forEach((cable, k) => this.renderer.draw(ghost.cables[k], { colour: cable.colour, alpha: 0.2 }));
-      for (const part of this.parts) {
+      for (const part of this.visible(options)) {
         if (!part.moves) continue;
         const model = sceneView.pose(part.body, ghost.frame);
         this.renderer.draw(part.mesh, { model, colour: theme.moving, alpha: 0.07 });
@@ -205,9 +249,7 @@ class Stage {
     const ends = apart > pixel ? [...found.from, ...found.to] : [...found.from, ...add(found.from, seen.up, pixel)];
     this.renderer.fill(this.pointer, tube(new Float32Array(ends), 1.6 * ratio * pixel, 10));
     this.renderer.draw(this.pointer, { colour, above: true, shine: 0 });
-    const middle = scale(add(found.from, found.to), 0.5), m = seen.matrix;
-    const clip = [0, 1, 3].map((r) => m[r] * middle[0] + m[4 + r] * middle[1] + m[8 + r] * middle[2] + m[12 + r]);
-    const at = [(column + 0.5 + (0.5 * clip[0]) / clip[2]) / columns, 0.5 - (0.5 * clip[1]) / clip[2]];
-    return { witness: { ...found, at } };
+    const at = seenAt(scale(add(found.from, found.to), 0.5), seen, column, columns);
+    return { witness: at && { ...found, at } };
   }
 }

@@ -121,13 +121,15 @@ class Renderer {
     gl.enable(gl.DEPTH_TEST);
   }
 
-  drawLines(mesh, { model = IDENTITY, colour, alpha = 1 }) {
+  drawLines(mesh, { model = IDENTITY, colour, alpha = 1, above = false }) {
     const gl = this.gl, { program, uniforms } = this.lines;
     gl.useProgram(program);
     gl.uniformMatrix4fv(uniforms.model, false, model);
     gl.uniform4fv(uniforms.ink, [...colour, alpha]);
     this.blend(alpha < 1);
+    if (above) gl.disable(gl.DEPTH_TEST);
     this.elements(mesh, gl.LINES);
+    gl.enable(gl.DEPTH_TEST);
   }
 
   blend(wanted) {
@@ -161,8 +163,9 @@ class Camera {
     this.face(this.view.back);
   }
 
-  /** Look along -`back`, and far enough off to see all. */
-  face(back) {
+  /** Look along -`back`, far enough off to see all, or what is `near` the cables. */
+  face(back, near = false) {
+    this.held = near ? this.view.near : this.view.hold;
     this.azimuth = Math.atan2(back[1], back[0]);
     this.elevation = Math.asin(Math.max(-1, Math.min(1, back[2])));
     this.target = null;
@@ -178,7 +181,7 @@ class Camera {
 
   look(aspect) {
     const { right, up, back } = this.axes();
-    const flat = this.view.hold.map((p) => [dot(p, right), dot(p, up), dot(p, back)]);
+    const flat = this.held.map((p) => [dot(p, right), dot(p, up), dot(p, back)]);
     const middle = [0, 1, 2].map((k) => 0.5 * (Math.min(...flat.map((p) => p[k])) + Math.max(...flat.map((p) => p[k]))));
     this.target ??= add(add(scale(right, middle[0]), up, middle[1]), back, middle[2]);
     const wide = TANGENT * aspect * MARGIN, high = TANGENT * MARGIN;
@@ -187,7 +190,10 @@ class Camera {
     this.reach = Math.max(...fitting);
     this.distance = this.reach / this.zoom;
     const eye = add(this.target, back, this.distance);
-    const matrix = projection(eye, right, up, back, TANGENT, aspect, 0.02 * this.distance, this.distance + 3 * this.reach);
+    // the whole scene is drawn, however near the eye is
+    const deep = this.view.hold.map((p) => this.distance - dot(add(p, this.target, -1), back));
+    const far = Math.max(this.distance + this.reach, ...deep) * 1.5;
+    const matrix = projection(eye, right, up, back, TANGENT, aspect, 0.02 * this.distance, far);
     return { eye, right, up, back, matrix };
   }
 

@@ -1,26 +1,32 @@
-"""Checks of a problem file that need more than one key: references, choices, names, bounds.
+"""Checks of a problem that need more than one key: references, choices, names, bounds.
 
-They walk the tree that :func:`~harness_opt.files.schema.structured` leaves: plain tables, ``INVALID`` where a
-value is already known to be wrong. So one run names every mistake, and none twice.
+They walk nested tables, as a problem file has them: those of a file that is being read, in which ``INVALID`` stands
+where a value is already known to be wrong, and those of a Problem made in Python. So one run names every mistake, none
+twice, and both in the same words.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from harness_opt.files.places import MOST_MESH_BYTES, Places
-from harness_opt.files.schema import INVALID, MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
-from harness_opt.files.values import MESH_UNITS, KeyPath, Mistake, coupling, one_of, shown
-from harness_opt.model.bodies import WORLD
+from harness_opt.model import checks
+from harness_opt.model.bodies import WORLD, Body
+from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.checks import KeyPath, Mistake, coupling, dotted, one_of, shown
+from harness_opt.model.design import Minimise
+from harness_opt.model.parts import Box, MeshFile, Part
+from harness_opt.model.reach import too_short
 
 Tree = Mapping[str, Any]
+INVALID = object()  # in the place of a value that is known to be wrong
 
 SIDES = ("start", "end")
 ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
 LONGEST_NAME = 100  # letters; names become file names and array names
 NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
+KINDS = {"cables": CableRun, "bodies": Body, "parts": Part}
+AT_LEAST_0 = ("clearance",)  # of the limits; the others are above 0
 
 
 def table(tree: Any, *path: str) -> Tree:
@@ -36,18 +42,17 @@ def value(tree: Tree, key: str) -> Any:
     return None if found is INVALID else found
 
 
-def mistakes_between(tree: Tree, places: Places) -> Iterator[Mistake]:
-    """Yield the mistakes that only several keys, or a mesh file, show.
+def mistakes_between(tree: Tree) -> Iterator[Mistake]:
+    """Yield the mistakes that only several keys show.
 
     Args:
         tree: the tables, with ``INVALID`` for values that are known to be wrong.
-        places: where meshes may lie.
     """
     yield from _names(tree)
     for name in table(tree, "cables"):
         yield from _cable(tree, name)
     for name in table(tree, "parts"):
-        yield from _part(tree, name, places)
+        yield from _body(tree, ("parts", name), table(tree, "parts", name))
     yield from _bend_radius(tree)
     yield from _variables(tree)
 
@@ -133,38 +138,7 @@ def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
                 yield key, f"found {shown(turns)}, expected 0, as the {side} turns freely"
 
 
-# --- parts and limits ----------------------------------------------------------------------------------
-
-
-def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
-    path, part = ("parts", name), table(tree, "parts", name)
-    if not isinstance(tree["parts"][name], Mapping):
-        return
-    yield from _body(tree, path, part)
-    shapes = [shape for shape in PART_SHAPES if shape in part]
-    if len(shapes) != 1:
-        found = " and ".join(shapes) or "no shape"
-        yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
-    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell"), ("up", "an axis")):
-        if key in part and "mesh" not in part:
-            yield (*path, key), f"found {words} without a mesh, expected it beside mesh only"
-    if value(part, "mesh") is not None:
-        yield from _mesh(path, part, places)
-
-
-def _mesh(path: KeyPath, part: Tree, places: Places) -> Iterator[Mistake]:
-    """Check the suffix, the unit, the place and the presence of a mesh file; what is in it is the scene's to read."""
-    mesh = part["mesh"]
-    suffix = Path(mesh).suffix.lower()
-    known = (*UNITLESS_MESHES, *MESHES_IN_METRES)
-    if suffix not in known:
-        yield (*path, "mesh"), f"found {shown(mesh)}, expected a file ending in {one_of(known, suffix)}"
-    elif suffix in UNITLESS_MESHES and "mesh_unit" not in part:
-        words = f"expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"
-        yield (*path, "mesh_unit"), f"found nothing, {words}"
-    why = places.fault(mesh, "a mesh", value(part, "mesh_sha256"), MOST_MESH_BYTES)
-    if why:
-        yield (*path, "mesh"), why
+# --- limits ----------------------------------------------------------------------------------
 
 
 def _bend_radius(tree: Tree) -> Iterator[Mistake]:
@@ -266,3 +240,100 @@ def _bounds(path: KeyPath, bounds: Any, *, is_length: bool) -> Iterator[Mistake]
         yield path, f"found {shown(bounds)}, expected [lower, upper] with the lower bound below the upper"
     if is_length and not lower > 0:
         yield path, f"found {shown(bounds)}, expected a lower bound above 0 for a length"
+
+
+# --- a Problem made in Python ---------------------------------------------------------------------------
+
+
+def mistakes_of(problem: Any) -> list[str]:
+    """Return what is wrong about a Problem, a line each: ``cables.lead.end.body: found "amr", expected ...``.
+
+    Args:
+        problem: which calls this while it is made.
+    """
+    wrong = [*_kinds(problem)]
+    if wrong:  # what is of another kind cannot be looked into
+        return wrong
+    found = checks.Gathered()
+    found.told += [f"{dotted(path)}: {words}" for path, words in mistakes_between(_tree(problem))]
+    if not problem.cables:
+        found.told.append("cables: found an empty table, expected at least one cable")
+    with found:
+        checks.numbers("gravity", problem.gravity, 3)
+    with found:
+        checks.positive("motion.duration", problem.duration)
+    if problem.spatial_step is not None:
+        with found:
+            checks.positive("motion.spatial_step", problem.spatial_step)
+    for name, limit in vars(problem.limits).items():
+        if limit is not None:
+            with found:
+                checks.positive(f"limits.{name}", limit, zero=name in AT_LEAST_0)
+    for name, part in problem.parts.items():
+        _part_values(found, ("parts", name), part)
+    minimise = problem.design.minimise
+    if minimise not in get_args(Minimise):
+        found.told.append(f"design.minimise: found {shown(minimise)}, expected {one_of(get_args(Minimise))}")
+    if not found.told:  # what a redesign may lengthen or move is for a simulation to refuse
+        free = [one.name for one in (*problem.design.variables, *problem.design.couplings)]
+        fixed = [name for name in problem.cables if not any(key.startswith(f"{name}.") for key in free)]
+        found.told += too_short(problem, fixed).values()
+    return found.told
+
+
+def _kinds(problem: Any) -> Iterator[str]:
+    """Yield what is of another kind than it has to be."""
+    for section, kind in KINDS.items():
+        named = getattr(problem, section)
+        if not isinstance(named, Mapping):
+            yield f"{section}: found {type(named).__name__}, expected {kind.__name__}s by name, such as {{'lead': ...}}"
+            continue
+        for name, one in named.items():
+            if not isinstance(one, kind):
+                more = ": a cable with its two ends" if isinstance(one, Cable) else ""
+                yield f"{dotted((section, str(name)))}: found {type(one).__name__}, expected {kind.__name__}{more}"
+
+
+def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> None:
+    key, shape = dotted(path), part.shape
+    if part.clearance is not None:
+        with found:
+            checks.positive(f"{key}.clearance", part.clearance, zero=True)
+    with found:
+        checks.numbers(f"{key}.position", part.position, 3)
+    with found:
+        checks.quaternion(f"{key}.quaternion", part.quaternion)
+    if isinstance(shape, MeshFile):
+        return
+    kind = f"{key}.{type(shape).__name__.lower()}"
+    if isinstance(shape, Box):
+        with found:
+            for side in checks.numbers(f"{kind}.size", shape.size, 3):
+                checks.positive(f"{kind}.size", side)
+        return
+    for name, size in vars(shape).items():
+        with found:
+            checks.positive(f"{kind}.{name}", size)
+
+
+def _tree(problem: Any) -> dict[str, Any]:
+    """Return the tables that a problem file would have, as far as their keys and references go."""
+    design = problem.design
+    variables: dict[str, Any] = {one.name: [one.lower, one.upper] for one in design.variables}
+    variables |= {one.name: f"= {one.words}" for one in design.couplings}
+    return {
+        "cables": {name: _run_table(run) for name, run in problem.cables.items()},
+        "bodies": {name: {} for name in problem.bodies},
+        "parts": {name: {"body": part.body} for name, part in problem.parts.items()},
+        "limits": {"bend_radius": problem.limits.bend_radius or None},
+        "design": {"variables": variables, "weights": dict(design.weights)},
+    }
+
+
+def _run_table(run: CableRun) -> dict[str, Any]:
+    return {"diameter": run.cable.diameter, "start": _end_table(run.start), "end": _end_table(run.end)}
+
+
+def _end_table(end: End) -> dict[str, Any]:
+    given = {name: value for name, value in vars(end).items() if value is not None}
+    return {name: value for name, value in given.items() if name not in ("swivel", "turns") or value}

@@ -1,0 +1,175 @@
+"""Files that a problem file names: meshes, which are looked for, and libraries of cables, which are read.
+
+A library is a TOML file with a table for each cable. ``from = "my_cables.toml#power"`` takes from its table ``[power]``
+what the cable does not say itself.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
+from harness_opt.files.schema import MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
+from harness_opt.files.values import MESH_UNITS
+from harness_opt.model.between import Tree, table, value
+from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
+
+MOST_LIBRARY_BYTES = MEGABYTE
+OF_A_LIBRARY = (
+    "diameter", "bending_stiffness", "torsional_stiffness", "density", "mass_per_length", "rest_curvature",
+    "bend_radius_factors",
+)  # fmt: skip
+MASSES = ("density", "mass_per_length")
+NOT_READ = (".stp", ".step", ".igs", ".iges", ".x_t", ".sldprt", ".sldasm", ".ipt", ".catpart", ".prt", ".3mf", ".dae")
+
+
+def mistakes_of_parts(tree: Tree, places: Places) -> Iterator[Mistake]:
+    """Yield what is wrong about the shapes of parts.
+
+    Args:
+        tree: the tables, with ``INVALID`` for values that are known to be wrong.
+        places: where meshes may lie.
+    """
+    for name in table(tree, "parts"):
+        yield from _part(tree, name, places)
+
+
+def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
+    path, part = ("parts", name), table(tree, "parts", name)
+    if not isinstance(tree["parts"][name], Mapping):
+        return
+    shapes = [shape for shape in PART_SHAPES if shape in part]
+    if len(shapes) != 1:
+        found = " and ".join(shapes) or "no shape"
+        yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
+    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell"), ("up", "an axis")):
+        if key in part and "mesh" not in part:
+            yield (*path, key), f"found {words} without a mesh, expected it beside mesh only"
+    if value(part, "mesh") is not None:
+        yield from _mesh(path, part, places)
+
+
+def _mesh(path: KeyPath, part: Tree, places: Places) -> Iterator[Mistake]:
+    """Check the suffix, the unit, the place and the presence of a mesh file; what is in it is the scene's to read."""
+    mesh = part["mesh"]
+    suffix = Path(mesh).suffix.lower()
+    known = (*UNITLESS_MESHES, *MESHES_IN_METRES)
+    if suffix in NOT_READ:
+        yield (*path, "mesh"), f"found {shown(mesh)}, a kind of CAD file that is not read: export STL or GLB"
+    elif suffix not in known:
+        yield (*path, "mesh"), f"found {shown(mesh)}, expected a file ending in {one_of(known, suffix)}"
+    elif suffix in UNITLESS_MESHES and "mesh_unit" not in part:
+        words = f"expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"
+        yield (*path, "mesh_unit"), f"found nothing, {words}"
+    why = places.fault(mesh, "a mesh", value(part, "mesh_sha256"), MOST_MESH_BYTES)
+    if why:
+        yield (*path, "mesh"), why
+
+
+# --- libraries of cables -------------------------------------------------------------------------------
+
+
+def with_cables(raw: Mapping[str, Any], places: Places, own: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """Return the tables of a problem file with what its cables take from libraries, and the mistakes met.
+
+    Args:
+        raw: the nested tables, as TOML has them.
+        places: where libraries may lie.
+        own: the problem file, which is no library.
+    """
+    cables = raw.get("cables")
+    if not isinstance(cables, Mapping):
+        return dict(raw), []
+    filled, mistakes = dict(cables), list[Mistake]()
+    for name, cable in cables.items():
+        if not isinstance(cable, Mapping) or not isinstance(cable.get("from"), str):
+            continue
+        path = ("cables", str(name), "from")
+        taken, wrong = _taken(cable["from"], places, own)
+        mistakes += [(path, words) for words in wrong]
+        if any(mass in cable for mass in MASSES):
+            taken = {key: value for key, value in taken.items() if key not in MASSES}
+        filled[name] = {**taken, **cable}
+        if taken and not wrong:
+            mistakes += [
+                (("cables", str(name), key), f"found nothing, here or in {cable['from']}, expected a number above 0")
+                for key in ("diameter", "bending_stiffness", "torsional_stiffness")
+                if key not in filled[name]
+            ]
+    return {**raw, "cables": filled}, mistakes
+
+
+def _taken(reference: str, places: Places, own: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return what a library says of a cable, and what is wrong with it."""
+    try:
+        table = _table_of(reference, places, own)
+    except Refused as error:
+        return {}, [str(error)]
+    strange = [key for key in table if key not in OF_A_LIBRARY]
+    wrong = [f"found {shown(key)} in {reference}, expected {one_of(OF_A_LIBRARY, key)}" for key in strange]
+    return {key: value for key, value in table.items() if key in OF_A_LIBRARY}, wrong
+
+
+class Refused(ValueError):
+    """A reference that leads to no cable; in words."""
+
+
+def _table_of(reference: str, places: Places, own: Path) -> Mapping[str, Any]:
+    """Return the table of a cable in a library.
+
+    Raises:
+        Refused: there is none that may be read.
+    """
+    name, _, cable = reference.partition("#")
+    if not (name and cable):
+        raise Refused(f'found {shown(reference)}, expected a file and a cable, such as "my_cables.toml#power"')
+    file, why = places.located(name), places.fault(name, "a library of cables", None, MOST_LIBRARY_BYTES)
+    if why:
+        raise Refused(why)
+    if file == own:
+        raise Refused(f"found {shown(reference)}, the problem file itself, expected a library of cables")
+    try:
+        tables = tomllib.loads(file.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise Refused(f"found {shown(name)}, which can't be read ({error}), expected TOML") from None
+    known = [key for key, table in tables.items() if isinstance(table, dict)]
+    if cable not in known:
+        raise Refused(f"found {shown(reference)}, expected {one_of(known, cable) or 'a table for each cable'} in it")
+    if "from" in tables[cable]:
+        raise Refused(f"found {shown(reference)}, which refers to another cable itself, expected its own values")
+    found: Mapping[str, Any] = tables[cable]
+    return found
+
+
+def mistakes_of_limits(tree: Tree) -> Iterator[Mistake]:
+    """Yield what is wrong about a bend limit in diameters."""
+    limits, path = table(tree, "limits"), ("limits", "bend_radius_factor")
+    factor = value(limits, "bend_radius_factor")
+    if factor is None:
+        return
+    if "bend_radius" in limits:
+        yield path, "found bend_radius as well, expected one of the two"
+    radii = {}
+    for name in table(tree, "cables"):
+        cable = table(tree, "cables", name)
+        told = table(cable, "bend_radius_factors").get(factor) if isinstance(factor, str) else factor
+        diameter = value(cable, "diameter")
+        if told is None:
+            words = f"expected it in cables.{name}.bend_radius_factors, or in the library that the cable is from"
+            yield path, f"found {shown(factor)}, {words}"
+        elif isinstance(diameter, (int, float)) and isinstance(told, (int, float)):
+            radii[name] = told * diameter
+    if len({round(radius, 12) for radius in radii.values()}) > 1:
+        told = ", ".join(f"{name} {1e3 * radius:.4g} mm" for name, radius in radii.items())
+        yield path, f"found several radii ({told}), expected one for all cables: give bend_radius, which all must hold"
+
+
+def bend_radius(limits: Any, cables: Mapping[str, Any]) -> float | None:
+    """Return the bend limit of a file, m: as given, or in diameters of its cables, which are alike then."""
+    if limits.bend_radius_factor is None:
+        return limits.bend_radius  # type: ignore[no-any-return]
+    cable, factor = next(iter(cables.values())), limits.bend_radius_factor
+    return float((cable.bend_radius_factors[factor] if isinstance(factor, str) else factor) * cable.diameter)
