@@ -1,13 +1,12 @@
 """Smallest clearances of cables over a motion, with the points that a redesign has to push apart.
 
-A clearance is the distance of a cable's centreline to a part, less the cable's radius; to another cable or to
-itself, the distance of the two centrelines, less both radii. Negative is penetration.
+A clearance is the distance of a cable's centreline to a part, less the cable's radius; to another cable or to itself,
+the distance of the two centrelines, less both radii. Negative is penetration.
 
-How they are found stands in ``to_part.py`` and ``to_cable.py``. Both make the smallest
-clearance of the solved frames certain along the whole cable; what the curve between stations misses is
-estimated from the curvatures and added to the tolerance. ``certify_part.py`` and ``certify_cable.py`` make the smallest
-clearance certain between the frames too, for pairs that have a limit, where ``measure`` is told how to solve more
-frames; ``moving_centreline.py`` says what of that is proven and what is estimated.
+``to_part.py`` and ``to_cable.py`` make the smallest clearance of the solved frames certain along the whole cable; what
+the curve between stations misses is estimated from the curvatures and added to the tolerance. ``certify_part.py`` and
+``certify_cable.py`` make it certain between the frames too, for pairs that have a limit, where ``measure`` is told how
+to solve more frames; ``moving_centreline.py`` says what of that is proven and what is estimated.
 
 Near a clamp the cable leaves the part that holds it: over a stretch from that end, of which the result says how long it
 is, that part's limit does not count (:mod:`harness_opt.clearance.what_counts`).

@@ -48,10 +48,7 @@ def table(
     if before is not None:
         worst = {row["id"]: _number(row["worst"], KIND_OF_KEY[row["name"]].unit.factor) for row in before}
         column = ["before", *(worst.get(row["id"], "-") for row in limits)]
-        short = any(row[7] for row in rows[1:])  # then per cent beside it leave no room for one more column
-        rows = [
-            (*row[:4], old, *row[4 : 8 - (not short)], *row[8 + short :]) for row, old in zip(rows, column, strict=True)
-        ]
+        rows = [(*row[:4], old, *row[4:]) for row, old in zip(rows, column, strict=True)]
         rows[0] = tuple("after" if cell == "worst" else cell for cell in rows[0])
         left = {number + (number > 3) for number in LEFT}
         if told:  # there is no room for both
