@@ -20,7 +20,9 @@ from harness_opt.errors import HarnessError, ProblemError
 STORE = "study.sqlite"
 SUMMARY = "summary.json"
 SCHEMA = 1  # of the summary
-STOPPING = "Stopping after the variants that run; the same command goes on from there. Ctrl-C again stops at once."
+STOPPING = (
+    "Stopping after the variants that run; Ctrl-C again stops at once. What is finished is kept: run it again to go on."
+)
 
 
 @dataclass(frozen=True)

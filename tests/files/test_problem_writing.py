@@ -61,7 +61,7 @@ def test_changed_poses_do_not_point_to_their_old_file(folder: Path) -> None:
 
 
 def test_what_could_not_be_read_back_is_not_written(folder: Path) -> None:
-    problem = dataclasses.replace(read_problem(written(folder, CONTRACT)), limits=Limits(clearance=math.nan))
+    problem = read_problem(written(folder, CONTRACT)).changed(limits=Limits(clearance=math.nan))
     with pytest.raises(ProblemError, match=r"b\.toml: limits\.clearance: found nan"):
         write_problem(problem, folder / "new" / "b.toml")
     assert not (folder / "new").exists()

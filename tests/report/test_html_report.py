@@ -66,8 +66,7 @@ def test_the_page_needs_nothing_else(motion):
 
 def test_every_string_is_escaped():
     problem = flap(title=NASTY)
-    problem = dataclasses.replace(
-        problem,
+    problem = problem.changed(
         cables={NASTY: problem.cables["lead"]},
         parts={NASTY: problem.parts["ball"]},
         design=ho.Design(),
@@ -325,9 +324,7 @@ def test_turning_zooming_and_the_keyboard(motion, tmp_path):
 
 def test_nasty_strings_run_nothing(tmp_path):
     problem = flap(title=NASTY)
-    moved = ho.simulate(
-        dataclasses.replace(problem, parts={NASTY: ho.Part(ho.Sphere(0.02), position=(0.08, 0.01, 0.092))})
-    )
+    moved = ho.simulate(problem.changed(parts={NASTY: ho.Part(ho.Sphere(0.02), position=(0.08, 0.01, 0.092))}))
     file = tmp_path / html_report.write_page(html_report.prepare(moved), summary(moved), tmp_path)
     with opened(file) as view:
         assert NASTY in view.page.inner_text("h1")
