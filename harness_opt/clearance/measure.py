@@ -8,8 +8,7 @@ the curve between stations misses is estimated from the curvatures and added to 
 ``certify_cable.py`` make it certain between the frames too, for pairs that have a limit, where ``measure`` is told how
 to solve more frames; ``moving_centreline.py`` says what of that is proven and what is estimated.
 
-Near a clamp the cable leaves the part that holds it: over a stretch from that end, of which the result says how long it
-is, that part's limit does not count (:mod:`harness_opt.clearance.what_counts`).
+Over a stretch from a clamp, which the result names, its holder's limit does not count (``what_counts.py``).
 """
 
 from __future__ import annotations
@@ -60,8 +59,8 @@ def measure(
 ) -> ClearanceResult:
     """Return the clearances of ``cables`` to all parts and, where ``limits.clearance`` is given, to cables.
 
-    A cable's clearance to itself counts pairs of its points that lie at least ``pi/2 (diameter + limit)``
-    apart along it: so much arc lies between the limbs of a hairpin that stand just the limit apart.
+    A cable's clearance to itself counts points at least ``pi/2 (diameter + limit)`` apart along it, as much as is
+    between the limbs of a hairpin that stand just the limit apart.
 
     Args:
         problem: bodies, parts, limits, and which body holds which end.
