@@ -150,9 +150,14 @@ def verified(evaluate: Evaluator, objective: Objective, design: Evaluated, note:
 
 
 def _verify_rounded(evaluate: Evaluator, objective: Objective, design: Evaluated) -> Verified:
+    """Return ``design`` rounded and verified; as it is where that does not hold and it may."""
     values = rounded(evaluate.problem, objective, design)
     near = evaluate(values, design, quick=True) if (values != design.values).any() else None
-    return verify(evaluate, design) if near is None else verify(evaluate, near, design)
+    found = verify(evaluate, design) if near is None else verify(evaluate, near, design)
+    if near is None or found.holds(snaps=objective.snaps) or not objective.held(design):
+        return found
+    exact = verify(evaluate, design)
+    return exact if exact.holds(snaps=objective.snaps) else found
 
 
 def otherwise_bowed(

@@ -65,7 +65,8 @@ def test_triangles_of_all_parts_together(folder: Path, monkeypatch) -> None:
 def test_packed_meshes_are_not_unpacked(folder: Path) -> None:
     for name in ("bomb.stl.gz", "bomb.zip", "bomb.3mf", "bomb.stl.bz2"):
         (folder / name).write_bytes(b"PK")
-        assert "expected a file ending in" in mistakes(written(folder, naming(name)))[0]
+        (line,) = mistakes(written(folder, naming(name)))
+        assert "expected a file ending in" in line or "not read: export STL or GLB" in line
 
 
 def test_what_a_file_holds_does_not_steer_the_terminal(here: Path, capsys) -> None:

@@ -16,7 +16,6 @@ from oracles.hinged import (
     CLAMP,
     PROBLEM,
     halves,
-    problem_of,
 )
 
 
@@ -96,7 +95,8 @@ def test_names_that_are_unknown(motion):
 def test_clamps_out_of_reach_between_two_frames(motion):
     """Solved at poses within reach, played with the clamp further away than the cable is long."""
     far = dataclasses.replace(CLAMP, position=(0.9, 0.1, 0.9))
-    played = dataclasses.replace(motion, problem=problem_of(PROBLEM.cables["lead"].start, far))
+    run = dataclasses.replace(PROBLEM.cables["lead"], end=far)
+    played = dataclasses.replace(motion, problem=PROBLEM.changed(cables={"lead": run}))
     with pytest.raises(
         ho.SolveError, match=r"cable lead, motion 0\.\d+: no curve between frames 0 and 1 .*spatial_step"
     ):
