@@ -85,8 +85,7 @@ def _ways_out(
 ) -> Iterator[str]:
     """Say what stands in each other's way, and what giving way in one limit or bound would do, or in two."""
     if len(entries) > 1:
-        shares = [f"{_what(one)} ({100.0 * one['share']:.0f} %)" for one in entries]
-        yield f"In each other's way: {', '.join(shares)}."
+        yield f"In each other's way: {', '.join(dict.fromkeys(_what(one) for one in entries))}."
     ways = [_way_out(entry) for entry in entries if entry["enough"] is not None]
     if ways:
         yield f"{'Either of these' if len(ways) > 1 else 'This'} alone would do: {'; '.join(ways)}."
