@@ -12,7 +12,7 @@ from harness_opt.files.whole_folder import write_whole
 
 TEMPLATE = """\
 # A cable from a wall to a lid that opens. Change it into your own; every key: harness-opt schema
-# As it stands three limits are violated; harness-opt redesign finds a length and a clamp that hold them all.
+# As it stands two limits are violated; harness-opt redesign finds a length and a clamp that hold them all.
 # SI units: metres, newtons, kilograms, seconds. Degrees only in keys that end in _deg.
 
 schema = 1
@@ -27,7 +27,7 @@ torsional_stiffness = 3e-3               # N m2; about 0.75 times the bending st
 mass_per_length = 0.08                   # kg/m, or density = ... in kg/m3
 
 # Both clamps: the body that holds it, where (m, in that body's coordinates), and which way the cable runs there,
-# from the start towards the end on both. What is left out (tangent, say) is free.
+# from the start towards the end on both. Without a tangent it may point anywhere; without a roll it is not twisted.
 start = {{ body = "world", position = [0, 0, 0.05], tangent = [0, 0, 1] }}
 end = {{ body = "lid", position = [0.18, 0, 0.05], tangent = [0, 0, -1] }}
 

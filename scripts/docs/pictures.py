@@ -32,8 +32,8 @@ def main() -> None:
     """Draw all pictures."""
     FOLDER.mkdir(exist_ok=True)
     with plt.rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
-        drawn = ho.read_problem(write_template(Path(folder) / "lid"))
-        turned = with_roll(drawn, 180.0)
+        template = ho.read_problem(write_template(Path(folder) / "lid"))
+        drawn, turned = with_roll(template, 0.0), with_roll(template, 180.0)
         save("scene", scene(turned))
         save("frame", frame())
         save("roll", roll())
@@ -52,11 +52,12 @@ def save(name: str, figure: Any) -> None:
 
 
 def with_roll(problem: ho.Problem, degrees: float) -> ho.Problem:
-    """Return the template's problem with the roll of its lid's clamp."""
+    """Return the template's problem with no roll at its wall's clamp, and with ``degrees`` at its lid's."""
     run = problem.cables["lead"]
-    quaternion = rotations.from_tangent((0.0, 0.0, -1.0), np.radians(degrees))
-    end = dataclasses.replace(run.end, quaternion=tuple(quaternion))
-    return dataclasses.replace(problem, cables={"lead": dataclasses.replace(run, end=end)})
+    start, end = (
+        dataclasses.replace(side, roll=None, roll_deg=roll) for side, roll in ((run.start, 0.0), (run.end, degrees))
+    )
+    return dataclasses.replace(problem, cables={"lead": dataclasses.replace(run, start=start, end=end)})
 
 
 # --- side views -----------------------------------------------------------------------------------------
@@ -225,7 +226,7 @@ def roll() -> Any:
 def uturn(drawn: ho.Problem, turned: ho.Problem) -> Any:
     """The cable over the closed lid with d1 along it: twisted by half a turn, and not twisted."""
     figure = plt.figure(figsize=(9, 4.1))
-    both = ((drawn, "no roll_deg at the end: d1 is the lid's x axis"), (turned, "roll_deg = 180 at the end"))
+    both = ((drawn, "roll_deg = 0 at both ends"), (turned, "roll_deg = 180 at the end, or no roll"))
     for place, (problem, words) in enumerate(both):
         axes = figure.add_subplot(1, 2, place + 1, projection="3d", proj_type="ortho")
         shapes = ho.simulate(problem, frames=[0.0]).cables["lead"]
