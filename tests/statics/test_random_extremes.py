@@ -38,27 +38,18 @@ HONEST = (
 )  # unstable: an equilibrium, checked, and called so
 
 
-@pytest.fixture(scope="module")
-def rows():
-    """How the random cases ended."""
-    jobs = [(cases.numbered_case(cases.SEED, k), *extreme.METHODS[0]) for k in range(COUNT)]
-    return list(extreme.run(jobs, JOBS, LIMIT, compare=False))
-
-
 @pytest.mark.slow
-def test_each_is_certified_or_refused_and_none_is_called_what_it_is_not(rows):
+def test_random_cables_are_certified_or_refused_for_a_reason():
+    """In one test: spread over processes, each of them would solve all cables."""
+    jobs = [(cases.numbered_case(cases.SEED, k), *extreme.METHODS[0]) for k in range(COUNT)]
+    rows = list(extreme.run(jobs, JOBS, LIMIT, compare=False))
     assert len({row.case.name for row in rows}) == COUNT
+    # none is called what it is not
     wrong = [(row.case.name, row.outcome, row.complaints) for row in rows if row.outcome not in HONEST]
     assert wrong == []
-
-
-@pytest.mark.slow
-def test_few_are_refused(rows):
+    # few are refused, but for their turns
     assert np.mean([row.outcome not in ("stable", extreme.CONTACT) for row in rows]) <= REFUSED
-
-
-@pytest.mark.slow
-def test_only_what_twist_can_buckle_is_said_to_need_contact(rows):
+    # and only what twist can buckle is said to need contact
     passing = [row.case for row in rows if row.outcome == extreme.CONTACT]
     assert passing
     assert min(abs(case.turns) * case.kz_kx * case.kx_ky for case in passing) > BUCKLING
