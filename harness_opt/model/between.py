@@ -95,12 +95,28 @@ def _cable(tree: Tree, name: str) -> Iterator[Mistake]:
     ends = {side: table(cable, side) for side in SIDES}
     for side, end in ends.items():
         yield from _body(tree, (*path, side), end)
+        yield from _holders(tree, (*path, side, "holders"), end)
         yield from _choices((*path, side), end)
     yield from _turns(path, ends)
     given = all(isinstance(cable.get(side), Mapping) for side in SIDES)
     if given and not any("position" in end for end in ends.values()):
         words = "found no position at either end, expected one: the cable would fly away"
         yield (*path, "end", "position"), words
+
+
+def _holders(tree: Tree, path: KeyPath, end: Tree) -> Iterator[Mistake]:
+    """Check that what holds the cable at an end are parts of the body that carries it."""
+    names, body, parts = value(end, "holders"), end.get("body", WORLD), table(tree, "parts")
+    if not isinstance(names, (list, tuple)) or body is INVALID:
+        return
+    bodies = {name: table(parts, name).get("body", WORLD) for name in parts}
+    own = [name for name in bodies if bodies[name] == body]
+    wanted = f"a part of {shown(body)}"
+    for name in names:
+        if name not in bodies:
+            yield path, f"found {shown(name)}, expected {wanted}: {one_of(own, name) if own else 'it has none'}"
+        elif bodies[name] not in (body, INVALID):
+            yield path, f"found {shown(name)}, a part of {shown(bodies[name])}, expected {wanted}"
 
 
 def _choices(path: KeyPath, end: Tree) -> Iterator[Mistake]:

@@ -89,6 +89,21 @@ STRUCTURE = [
 ]
 
 BETWEEN = [
+    (
+        "roll_deg = 0 }",
+        'roll_deg = 0, holders = ["hosing"] }',
+        "cables.lead.start.holders: found \"hosing\", expected a part of \"world\": 'housing'; did you mean 'housing'?",
+    ),
+    (
+        "turns = 0 }",
+        'turns = 0, holders = ["housing"] }',
+        'cables.lead.end.holders: found "housing", a part of "world", expected a part of "arm"',
+    ),
+    (
+        "turns = 0 }",
+        'turns = 0, holders = ["gland"] }',
+        'cables.lead.end.holders: found "gland", expected a part of "arm": it has none',
+    ),
     ('body = "arm"', 'body = "amr"', "cables.lead.end.body: found \"amr\", expected one of 'world', 'arm'"),
     ('body = "arm"', 'body = "amr"', "did you mean 'arm'?"),
     (
