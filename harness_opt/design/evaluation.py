@@ -110,7 +110,7 @@ class Evaluator:
         self.spare = {name: self._spare(name) for name in problem.cables}
         self._count = [0]  # shared by all that report for this one
         self._as_reported = False
-        self.past_sides = True  # whether what goes through a part is measured past the side it came in by, or aside
+        self._past_sides = True
         self.cold = False  # whether every design starts from nothing, as its file will: where one shape leads elsewhere
 
     @property
@@ -130,6 +130,15 @@ class Evaluator:
         other.problem = problem
         return other
 
+    def by_nearest_faces(self) -> Evaluator:
+        """Return an evaluator of the same problem that measures what goes through a part by the part's nearest faces.
+
+        Others measure it past the side that it came in by, or aside: see :mod:`harness_opt.design.sides`.
+        """
+        other = copy.copy(self)
+        other._past_sides = False
+        return other
+
     def reporting(self, allowed: Mapping[LimitId, float]) -> Evaluator:
         """Return an evaluator of the same problem that takes every shortfall as it is reported, and asks no more.
 
@@ -137,7 +146,7 @@ class Evaluator:
             allowed: shortfalls, by limit, that just count as held.
         """
         other = copy.copy(self)
-        other.asked = defaultdict(float, {limit: HELD - short for limit, short in allowed.items() if short > 0.0})
+        other.asked = defaultdict(float, {limit: -short for limit, short in allowed.items() if short > 0.0})
         other._as_reported = True
         return other
 
@@ -187,7 +196,7 @@ class Evaluator:
             given = linearised(changed, motion, clearances, rates, defaultdict(float), len(values))
             rows = given.as_reported(self.asked)
         else:
-            seen = past_sides(changed, self.scene, motion.cables, clearances) if self.past_sides else clearances
+            seen = past_sides(changed, self.scene, motion.cables, clearances) if self._past_sides else clearances
             rows = linearised(changed, motion, seen, rates, self.asked, len(values))
         rows = Rows.joined([rows, *reach])
         return Evaluated(values, indices, sweeps, motion, clearances, rates, rows)

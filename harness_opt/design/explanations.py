@@ -44,25 +44,33 @@ MORE = 1.02  # times the last relaxation
 
 
 @dataclass(frozen=True)
-class Relaxation:
-    """What giving way in one limit or one bound alone would do.
+class Key:
+    """A limit or a bound of the problem file.
 
     Args:
-        key: in the problem file, as ``limits.bend_radius``, ``parts.housing.clearance`` or
-            ``design.variables.lead.length``.
+        key: as ``limits.bend_radius``, ``parts.housing.clearance`` or ``design.variables.lead.length``.
         kind: of the limit; "lower" or "upper" for a bound.
         part: whose own clearance limit it is; None for the others and for bounds.
         value: now, in SI units, of bounds in the unit of their key.
-        share: of the violation that it carries at the design of least violation, from the multipliers.
-        estimate: the value that would do, to first order from the multipliers.
-        enough: a value that does, checked by a verified design; None where none was found.
-        variables: that design, by name.
     """
 
     key: str
     kind: LimitKind | str
     part: str | None
     value: float
+
+
+@dataclass(frozen=True)
+class Relaxation(Key):
+    """What giving way in one limit or one bound would do.
+
+    Args:
+        share: of the violation that it carries at the design of least violation, from the multipliers.
+        estimate: the value that would do, to first order from the multipliers.
+        enough: a value that does, checked by a verified design; None where none was found.
+        variables: that design, by name.
+    """
+
     share: float
     estimate: float
     enough: float | None
@@ -235,25 +243,16 @@ def _relaxed(problem: Problem, candidate: _Candidate, value: float) -> Problem:
 
 
 @dataclass(frozen=True)
-class Price:
+class Price(Key):
     """What one limit or bound costs.
 
     Args:
-        key: in the problem file, as ``limits.bend_radius``, ``parts.housing.clearance`` or
-            ``design.variables.lead.length``.
-        kind: of the limit; "lower" or "upper" for a bound.
-        part: whose own clearance limit it is; None for the others and for bounds.
-        value: now, in SI units, of bounds in the unit of their key.
         saves: what giving way by one of those units would save: of the change, as a share of it; of the length of
             all cables, m; of the largest worst margin, what it would add, as a share of the limits.
         of: "change", "length" or "margin".
         buys: for a limit, by variable: how its worst margin grows with that variable, in SI units a unit.
     """
 
-    key: str
-    kind: LimitKind | str
-    part: str | None
-    value: float
     saves: float
     of: str
     buys: Mapping[str, float]

@@ -77,7 +77,7 @@ def redesign(
     """
     robust = given_problem(problem).robust
     if robust is None:
-        return nominal_redesign(
+        return _nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, throw=throw
         )
     if pareto is not None:
@@ -87,7 +87,7 @@ def redesign(
     asked: Mapping[LimitId, float] = {}
     rounds: list[_Round] = []
     while len(rounds) < ROUNDS:
-        found = nominal_redesign(
+        found = _nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=None if rounds else earlier, asked=asked,
             throw=throw,
         )  # fmt: skip
@@ -185,7 +185,7 @@ class _Log:
 
 
 @one_thread
-def nominal_redesign(
+def _nominal_redesign(
     problem: Problem,
     *,
     solver: str = "gauss-newton",
@@ -196,22 +196,12 @@ def nominal_redesign(
     asked: Mapping[LimitId, float] | None = None,
     throw: bool = True,
 ) -> Redesign:
-    """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
+    """Return what :func:`redesign` does for the nominal design, tolerances or none.
+
+    Arguments and errors as there, and:
 
     Args:
-        problem: with design variables and limits.
-        solver: name, as in :func:`harness_opt.equilibrium`.
-        progress: called with every frame, as in :func:`harness_opt.simulate`.
-        watch: called with every iteration.
-        pareto: two quantities whose trade-off curve is wanted too, as in
-            :func:`harness_opt.design.trade_off.quantities`.
-        earlier: a redesign of the same problem that was interrupted, to go on from.
         asked: margins to hold, by limit, as a share of it: what tolerances take from it; none where left out.
-        throw: raise where no shape can be found, or return the failed result.
-
-    Raises:
-        ProblemError: no variables or no limits; a mesh that cannot be used; a cable too short within all bounds.
-        SolveError: no design that was looked at within the bounds can be simulated.
     """
     check_design(problem)
     if pareto is not None:

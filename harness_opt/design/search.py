@@ -34,6 +34,7 @@ DESCENTS = 3  # from the best designs of a look
 HALVINGS = 4  # of the way back to the drawn design: to a sixteenth of it
 UPRIGHT = 0.9  # of the way between the clamps is along z: there is no up across it
 TRIED = 3  # designs met, the least violated ones, that are simulated on all frames
+SAME = 0.01  # of a scale: designs whose limits fall short by as much in all are equals
 WORST = 0.95  # of the largest shortfall: limits with that much are the worst ones
 
 
@@ -55,7 +56,7 @@ def search(evaluate: Evaluator, objective: Objective, trial: Evaluated, note: No
     full = evaluate(best.values, best)
     if full is not None:
         best = _descent(evaluate, objective, full, note, stride=1)
-    return best if objective.held(best) else least_violation(evaluate, objective, [best, *met], note)
+    return best if objective.held(best) else least_violation(evaluate, objective, [*met, best], note)
 
 
 def _first_descent(evaluate: Evaluator, objective: Objective, trial: Evaluated, note: Note) -> Evaluated:
@@ -66,12 +67,11 @@ def _first_descent(evaluate: Evaluator, objective: Objective, trial: Evaluated, 
     best = descend(evaluate, objective, trial, SEARCH_STRIDE, note)
     if objective.held(best):
         return best
-    evaluate.past_sides = False
-    plain = evaluate(trial.values, trial)
+    by_faces = evaluate.by_nearest_faces()
+    plain = by_faces(trial.values, trial)
     if plain is not None and not np.array_equal(plain.rows.margin, trial.rows.margin):
-        other = descend(evaluate, objective, plain, SEARCH_STRIDE, note)
+        other = descend(by_faces, objective, plain, SEARCH_STRIDE, note)
         best = other if objective.held(other) else best
-    evaluate.past_sides = True
     return best
 
 
@@ -215,21 +215,22 @@ def least_violation(evaluate: Evaluator, objective: Objective, met: Sequence[Eva
     Args:
         evaluate: simulates designs.
         objective: what was sought.
-        met: designs, to begin from the best of them.
+        met: designs: where the search began, and others, to go on from the best of them.
         note: told of every iteration.
     """
     reporting = evaluate.reporting({})
-    begun = [reporting(one.values, one) for one in sorted(met, key=lambda one: one.violation)[:TRIED]]
-    known = [one for one in begun if one is not None]
+    few = [met[0], *sorted(met[1:], key=lambda one: one.violation)[:TRIED]]
+    known = [full for one in few if (full := reporting(one.values, one)) is not None]
     if not known:
         return met[0]
-    best = descend(reporting, objective.least_violation(), _least(objective, known), 1, note)
-    best = _least(objective, [best, *known])
+    best = _least(objective, known)
+    best = _least(objective, [descend(reporting, objective.least_violation(), best, 1, note), *known])
+    most = min(best.violation, *(one.violation for one in known))
     short = {limit: shortfall for limit, shortfall in best.shortfalls.items() if shortfall > HELD}
-    worst = {limit: shortfall for limit, shortfall in short.items() if shortfall >= WORST * best.violation}
+    worst = {limit: most for limit, shortfall in short.items() if shortfall >= WORST * most}
     if len(worst) < len(short):
         best = _kept(evaluate, objective.relaxing(frozenset(short) - frozenset(worst)), best, worst, note)
-    best = _kept(evaluate, objective, best, best.shortfalls, note)
+    best = _kept(evaluate, objective, best, {**best.shortfalls, **worst}, note)
     return evaluate(best.values, best) or best  # with what is asked for, and not what is allowed, in its margins
 
 
@@ -246,7 +247,15 @@ def _kept(
 
 
 def _least(objective: Objective, designs: Sequence[Evaluated]) -> Evaluated:
-    """Return the least violated of ``designs``; among equals that with the least objective."""
+    """Return the least violated of ``designs``; of those as violated the one whose limits fall short least in all.
+
+    Among equals in that, too, the one with the least objective.
+    """
     least = min(one.violation for one in designs)
     equals = [one for one in designs if one.violation <= least + HELD]
-    return min(equals, key=lambda one: objective.preference(one.values))
+
+    def order(one: Evaluated) -> tuple[int, float]:
+        in_all = sum(shortfall for shortfall in one.shortfalls.values() if shortfall > HELD)
+        return round(in_all / SAME), objective.preference(one.values)
+
+    return min(equals, key=order)

@@ -126,7 +126,10 @@ def _stretches(along: Witnesses, radius: float) -> Iterator[tuple[Witnesses, Wit
 
 
 def _middle(stretch: Witnesses, faces: Witnesses, radius: float) -> Witnesses:
-    """Return the innermost place of a stretch that goes through to another side, its normal that of the way through."""
+    """Return the innermost place of a stretch that goes through to another side, for :func:`_aside` to begin at.
+
+    Its normal is the way through, and its point the place itself, in the world.
+    """
     through = faces.normal[1] - faces.normal[0]
     at = stretch.take(np.array([int(np.argmin(stretch.clearance))]))
     place = at.point + (at.clearance + radius)[:, None] * at.normal
