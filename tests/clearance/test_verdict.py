@@ -129,10 +129,11 @@ def test_a_holder_is_not_entered_again_between_frames(at_end, moment):
         ends = [dataclasses.replace(end, tangent=(0, 0, -1)) for end in reversed(ends)]
     run = ho.CableRun(ho.Cable(0.3, 0.004, 2e-3, 1.5e-3), *ends)
     slide = {"arm": ho.Body(ho.Slide((0, 1, 0), -0.12, 0.12))}
-    drawn = ho.Problem({"lead": run}, slide, limits=ho.Limits(clearance=0.003))
+    far = {"wall": ho.Part(ho.Box((0.001, 0.02, 0.01)), position=(1, 1, 1))}
+    drawn = ho.Problem({"lead": run}, slide, parts=far, limits=ho.Limits(clearance=0.003))
     shapes = ho.simulate(drawn, frames=np.array([0.0, moment, 1.0])).cables["lead"]
     out = shapes.position[1, np.argmin(np.abs(shapes.s - (0.24 if at_end else 0.06)))]
-    problem = dataclasses.replace(drawn, parts={"wall": ho.Part(ho.Box((0.001, 0.02, 0.01)), position=tuple(out))})
+    problem = dataclasses.replace(drawn, parts={"wall": dataclasses.replace(far["wall"], position=tuple(out))})
     coarse = ho.simulate(problem, frames=np.array([0.0, 0.2, 0.8, 1.0]))
     (row,) = [row for row in ho.clearances(coarse).limits if row.part == "wall"]
     assert row.holds == "no"
