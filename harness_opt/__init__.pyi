@@ -26,6 +26,7 @@ from .model.bodies import Poses as Poses
 from .model.bodies import Slide as Slide
 from .model.cable import Cable as Cable
 from .model.cable import CableRun as CableRun
+from .model.cable import Clip as Clip
 from .model.cable import End as End
 from .model.design import Coupling as Coupling
 from .model.design import Design as Design

@@ -104,6 +104,8 @@ def states(
         if name != pair.cable and pair.obstacle != Obstacle(name, is_cable=True):
             continue
         counts = (s >= pair.excluded[0]) & (s <= s[-1] - pair.excluded[1])
+        for first, last in pair.at_clips:
+            counts &= (s < first) | (s > last)
         clearance = np.where(counts, clearance_along(motion, scene, pair, points, reach), np.inf)
         nearest = np.minimum(nearest, clearance)
         short |= clearance < (pair.limit or 0.0)

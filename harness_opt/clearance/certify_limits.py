@@ -11,16 +11,17 @@ the estimate where that was too small.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness_opt.clearance.limits import STRAIGHT, limit_row
-from harness_opt.clearance.solved_frames import NODES, SolvedFrames
-from harness_opt.clearance.witnesses import CROWDED, STOPPED, Task
-from harness_opt.model.limits import LimitId, LimitKind
-from harness_opt.model.results import CableMotion, LimitResult
+from harness_opt.clearance.limits import STRAIGHT, asked
+from harness_opt.clearance.solved_frames import NODES, Solve, SolvedFrames
+from harness_opt.clearance.witnesses import CROWDED, STOPPED
+from harness_opt.model.limits import CLAMP_LOADS, CLIP_LOADS, FORCES, LimitId, LimitKind
+from harness_opt.model.results import CableMotion, LimitResult, Motion, Quantities, at_clip
+from harness_opt.model.spans import joints
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 
@@ -114,34 +115,73 @@ def _peaks(v: Array) -> Array:
     return found
 
 
-def quantity(kind: LimitKind, shapes: CableMotion | SolvedFrames) -> Array:
-    """Return the vectors whose length a limit is about, (P, N, c), or (P, 2, 3) at the clamps."""
-    if kind is LimitKind.CLAMP_FORCE:
-        return shapes.force[:, [0, -1]] if isinstance(shapes, CableMotion) else shapes.clamp_force
-    if kind is LimitKind.CLAMP_MOMENT:
-        return shapes.moment[:, [0, -1]] if isinstance(shapes, CableMotion) else shapes.clamp_moment
+def quantity(kind: LimitKind, shapes: CableMotion | SolvedFrames, ends: Sequence[int]) -> Array:
+    """Return the vectors whose length a limit is about, (P, N, c), or (P, k, 3) at k ``ends`` of the cable."""
+    if kind in (*CLAMP_LOADS, *CLIP_LOADS):
+        return (shapes.force if kind in FORCES else shapes.moment)[:, list(ends)]
     return shapes.curvature[..., :2] if kind is LimitKind.BEND_RADIUS else shapes.curvature[..., 2:]
 
 
-def certified_limit(which: LimitId, limit: float, shapes: CableMotion, frames: SolvedFrames, task: Task) -> LimitResult:
+def certified_limits(
+    given: Motion, frames: Mapping[str, SolvedFrames], solve: Solve | None, stop: Callable[[], bool]
+) -> tuple[LimitResult, ...]:
+    """Return the rows of bend radius, twist and loads of clamps and clips, certain through the whole motion.
+
+    Args:
+        given: motion of cables without clips, or of spans.
+        frames: of its cables, and those solved between them; more are added.
+        solve: finds shapes between them; None where nothing moves.
+        stop: asked again and again; True ends the search without a certificate.
+    """
+    behind, rows = {before: after for _, before, after in joints(given.problem)}, []
+    for which, limit, ends in asked(given):
+        own = frames[which.cable]
+        if which.clip is not None:
+            own = _at_clip(given, own, frames[behind[which.cable]], solve)
+        rows.append(certified_limit(which, limit, own, ends, stop))
+    return tuple(rows)
+
+
+def _at_clip(given: Motion, before: SolvedFrames, behind: SolvedFrames, solve: Solve | None) -> SolvedFrames:
+    """Return what a clip does to the cable in all frames, from the spans that meet there: both are solved for more."""
+
+    def both(cable: str, values: Array) -> tuple[Quantities, tuple[str, ...]]:
+        assert solve is not None  # nothing is asked for between the frames of a scene at rest
+        (first, why), (last, other_why) = solve(cable, values), solve(behind.cable, values)
+        reasons = tuple("; ".join(dict.fromkeys(filter(None, pair))) for pair in zip(why, other_why, strict=True))
+        found = [
+            shapes.at_frames(np.flatnonzero([not reasons[k] for k in range(len(values)) if not own[k]]))
+            for shapes, own in ((first, why), (last, other_why))
+        ]
+        return at_clip(*found), reasons
+
+    shapes = [given.cables[one.cable].frames(slice(len(one.given))) for one in (before, behind)]
+    there = replace(shapes[0], **vars(at_clip(*shapes)))
+    jumps = np.concatenate([before.jumps, behind.jumps])
+    return SolvedFrames(before.cable, before.given, there, both, jumps=jumps, turns=before.turns)
+
+
+def certified_limit(
+    which: LimitId, limit: float, frames: SolvedFrames, ends: Sequence[int], stop: Callable[[], bool]
+) -> LimitResult:
     """Return the row of a limit of one cable, certain through the whole motion where that can be had.
 
     Args:
         which: a limit of a cable alone.
         limit: SI.
-        shapes: of the frames of the motion.
-        frames: the same, and those solved between them; more are added.
-        task: of the cable: whether to stop.
+        frames: those of the motion, and those solved between them; more are added.
+        ends: of the cable whose loads are limited, 0 and -1.
+        stop: asked again and again; True ends the search without a certificate.
     """
     frames.complete()
-    search = _Search(which.kind, 1.0 / limit if which.kind is LimitKind.BEND_RADIUS else limit, frames)
-    why = search.run(task)
-    row = limit_row(which, limit, shapes.frames(slice(len(frames.given))), frames.given)
+    search = _Search(which.kind, 1.0 / limit if which.kind is LimitKind.BEND_RADIUS else limit, frames, ends)
+    why = search.run(stop)
     at, arc, worst, bound = search.worst_time, search.worst_arc, search.worst, search.bound
     if which.kind is LimitKind.BEND_RADIUS:
         worst, bound = 1.0 / max(worst, STRAIGHT), 1.0 / max(bound, STRAIGHT)
-    return replace(
-        row,
+    return LimitResult(
+        id=which,
+        limit=limit,
         worst=worst,
         margin=worst - limit if which.kind.is_least else limit - worst,
         frame=int(np.argmin(np.abs(frames.given - at))),
@@ -156,11 +196,11 @@ def certified_limit(which: LimitId, limit: float, shapes: CableMotion, frames: S
 class _Search:
     """Solves frames between those of a motion until a quantity is known well enough: values where large is bad."""
 
-    def __init__(self, kind: LimitKind, limit: float, frames: SolvedFrames):
-        self._kind, self._limit, self._frames = kind, limit, frames
-        self._along = kind in (LimitKind.BEND_RADIUS, LimitKind.TWIST)
-        arcs = frames.s if self._along else np.arange(2.0)
-        self._arcs = Cubics.of(arcs, [(0, len(arcs) - 1)], 5) if self._along else None
+    def __init__(self, kind: LimitKind, limit: float, frames: SolvedFrames, ends: Sequence[int]):
+        self._kind, self._limit, self._frames, self._ends = kind, limit, frames, ends
+        along = kind in (LimitKind.BEND_RADIUS, LimitKind.TWIST)
+        self._places = frames.s if along else frames.s[list(ends)]
+        self._arcs = Cubics.of(frames.s, [(0, len(frames.s) - 1)], 5) if along else None
         self._trust = np.ones(max(len(frames.given) - 1, 1))
         self._look()
 
@@ -178,7 +218,7 @@ class _Search:
             return self._own + usual
         return self._own + (max(usual, 0.5 * spare) if spare > usual else spare)
 
-    def run(self, task: Task) -> str:
+    def run(self, stop: Callable[[], bool]) -> str:
         """Solve frames where the bound is too high; return why it stays so, or nothing."""
         frames, inserted, broken = self._frames, 0, self._frames.broken
         while True:
@@ -186,7 +226,7 @@ class _Search:
             high = high[np.argsort(-self._bounds[high], kind="stable")][:AT_ONCE]
             if not len(high):
                 break
-            if task.stop():
+            if stop():
                 return STOPPED
             if inserted + len(high) > MOST_INSERTED:
                 return CROWDED
@@ -210,7 +250,7 @@ class _Search:
         if not len(new):
             self._look()
             return
-        found = np.linalg.norm(quantity(self._kind, frames)[new], axis=-1).max(axis=1)
+        found = np.linalg.norm(quantity(self._kind, frames, self._ends)[new], axis=-1).max(axis=1)
         where = np.clip(np.searchsorted(before, frames.times[new], side="right") - 1, 0, len(before) - 2)
         room = np.maximum(self._doubts[where], 1e-12 * self._limit)
         over = 1.0 + np.maximum(found - bounds[where], 0.0) / room
@@ -223,11 +263,11 @@ class _Search:
     def _look(self) -> None:
         """Find the largest value of all frames, and bounds (P - 1,) between them."""
         frames = self._frames
-        vectors = quantity(self._kind, frames)
+        vectors = quantity(self._kind, frames, self._ends)
         size = np.linalg.norm(vectors, axis=-1)
         frame, place = np.unravel_index(int(np.argmax(size)), size.shape)
         self.worst, self.worst_time = float(size[frame, place]), float(frames.times[frame])
-        self.worst_arc = float(frames.s[place] if self._along else frames.s[[0, -1][place]])
+        self.worst_arc = float(self._places[place])
         fine, open_ = (
             vectors[:, :, None],
             np.zeros(size.shape),

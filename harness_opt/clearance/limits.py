@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind, Obstacle
+from harness_opt.clearance.pairs import ClearanceResult, rows_of_whole_cables
+from harness_opt.model.limits import CABLE_KINDS, CLAMP_LOADS, CLIP_LOADS, FORCES, LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Holds, LimitResult, Motion
+from harness_opt.model.results import Holds, LimitResult, Motion, Quantities, at_clip, split
+from harness_opt.model.spans import joints, own_ends, spans_of
 from harness_opt.numerics.rotations import Array
 
 LOOKED_AT = "only the stations of the solved frames were looked at"
-CLAMP_LOADS = (LimitKind.CLAMP_FORCE, LimitKind.CLAMP_MOMENT)
 STRAIGHT = 1e-9  # 1/m; below this curvature the bend radius is given as that of a straight cable
 
 
-def bending(cable: CableMotion) -> Array:
+def bending(cable: Quantities) -> Array:
     """Return the curvature of the centreline (P, N), 1/m: the length of the Darboux vector's bending part."""
     found: Array = np.linalg.norm(cable.curvature[..., :2], axis=-1)
     return found
@@ -35,21 +35,38 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
     The rows are not certified: between the stations a value may be worse by ``tolerance``, estimated from second
     differences, and between the frames nothing is known.
     """
-    rows = []
-    for name, shapes in motion.cables.items():
+    apart, rows = split(motion), []
+    for which, limit, ends in asked(apart):
+        shapes: Quantities = apart.cables[which.cable]
+        if which.clip is not None:
+            shapes = at_clip(shapes, apart.cables[next(b for _, a, b in joints(apart.problem) if a == which.cable)])
+        rows.append(_row(which, limit, shapes, motion.motion, ends))
+    return rows_of_whole_cables(spans_of(problem), rows)
+
+
+def asked(motion: Motion) -> Iterator[tuple[LimitId, float, list[int]]]:
+    """Yield the limits but clearance of a motion of spans: which, its value, SI, and the ends whose loads it limits."""
+    problem = motion.problem
+    for name in motion.cables:
+        ends = own_ends(problem.cables[name])
         for kind in CABLE_KINDS:
             limit = getattr(problem.limits, kind.value)
-            if limit is not None:
-                rows.append(limit_row(LimitId(kind, name), limit, shapes, motion.motion))
-    return tuple(rows)
+            if limit is not None and (ends or kind not in CLAMP_LOADS):
+                yield LimitId(kind, name), limit, ends
+    for clip, before, behind in joints(problem):
+        for kind in CLIP_LOADS:
+            limit = getattr(problem.limits, kind.value)
+            if limit is not None and before in motion.cables and behind in motion.cables:
+                yield LimitId(kind, before, clip=clip), limit, [0]
 
 
-def limit_row(which: LimitId, limit: float, shapes: CableMotion, motion: Array) -> LimitResult:
+def _row(which: LimitId, limit: float, shapes: Quantities, motion: Array, ends: Sequence[int]) -> LimitResult:
     """Return the row of a limit of one cable, looked at in the stations of the frames ``motion`` (P,) alone."""
-    value = _value(which.kind, shapes)
+    value = _value(which.kind, shapes, ends)
     frame, station = np.unravel_index(int(np.argmax(value)), value.shape)
     worst = float(value[frame, station])
-    tolerance = 0.0 if which.kind in CLAMP_LOADS else float(np.max(between_stations(value)))
+    loads = (*CLAMP_LOADS, *CLIP_LOADS)
+    tolerance = 0.0 if which.kind in loads else float(np.max(between_stations(value)))
     if which.kind is LimitKind.BEND_RADIUS:
         worst = 1.0 / max(worst, STRAIGHT)
         tolerance *= worst**2
@@ -67,16 +84,16 @@ def limit_row(which: LimitId, limit: float, shapes: CableMotion, motion: Array) 
     )
 
 
-def _value(kind: LimitKind, shapes: CableMotion) -> Array:
+def _value(kind: LimitKind, shapes: Quantities, ends: Sequence[int]) -> Array:
     """Return what a limit of ``kind`` is about, (P, N), large where it is bad: of a bend radius the curvature."""
     if kind is LimitKind.BEND_RADIUS:
         return bending(shapes)
     if kind is LimitKind.TWIST:
         return np.abs(shapes.curvature[..., 2])
-    load = shapes.force if kind is LimitKind.CLAMP_FORCE else shapes.moment
-    at_clamps = np.zeros(load.shape[:2])
-    at_clamps[:, [0, -1]] = np.linalg.norm(load[:, [0, -1]], axis=-1)
-    return at_clamps
+    load = shapes.force if kind in FORCES else shapes.moment
+    at_ends = np.zeros(load.shape[:2])
+    at_ends[:, list(ends)] = np.linalg.norm(load[:, list(ends)], axis=-1)
+    return at_ends
 
 
 def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) -> tuple[LimitResult, ...]:

@@ -24,10 +24,18 @@ from numpy.typing import ArrayLike
 
 from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.certify_cable import CableSearch
-from harness_opt.clearance.certify_limits import certified_limit
+from harness_opt.clearance.certify_limits import certified_limits
 from harness_opt.clearance.certify_part import PartSearch, Seen, entered_between
 from harness_opt.clearance.moving_centreline import MovingCurve
-from harness_opt.clearance.pairs import Between, ClearanceResult, Options, PairClearance, pairs_asked
+from harness_opt.clearance.pairs import (
+    Between,
+    ClearanceResult,
+    Options,
+    PairClearance,
+    met_itself,
+    of_whole_cables,
+    pairs_asked,
+)
 from harness_opt.clearance.solved_frames import SolvedFrames, at_rest
 from harness_opt.clearance.to_cable import CurvePair, against_cable, all_found
 from harness_opt.clearance.to_part import against_part, places
@@ -36,9 +44,10 @@ from harness_opt.clearance.witnesses import DECIDES, LONG, Certificate, Found, T
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import End
-from harness_opt.model.limits import CABLE_KINDS, LimitId, Obstacle
+from harness_opt.model.limits import Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, LimitResult, Motion, cubic_errors
+from harness_opt.model.results import CableMotion, Motion, cubic_errors, split
+from harness_opt.model.spans import has_clips
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
@@ -74,6 +83,9 @@ def measure(
     if not len(motion):
         return ClearanceResult(motion, (), ("clearance: no frame was solved",))
     given = Motion(problem, motion, cables)
+    if has_clips(problem):
+        apart = split(given)
+        return of_whole_cables(problem, measure(apart.problem, scene, motion, apart.cables, options, between))
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
     views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
     give_up = (options or Options()).give_up or never
@@ -91,7 +103,7 @@ def measure(
     if missing or (views is None and problem.moves):
         return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
     frames = at_rest(given) if views is None else views.frames
-    rows = tuple(row for task in tasks for row in _cable_limits(given, frames[task.cable], task))
+    rows = certified_limits(given, frames, None if between is None else between.solve, tasks[0].stop)
     inserted = {} if views is None else {name: solved.inserted for name, solved in frames.items()}
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
 
@@ -148,12 +160,11 @@ def _against_cable(given: Motion, own: Task, other: Task, views: _Views | None) 
     if views is not None:
         curves = views.curve(own.cable), views.curve(other.cable)
         pair = _certified(pair, given.motion, CableSearch(task, other, curves, pair.start, parts).certificate())
-    return _met(pair, task, given.motion) if itself else pair
+    return met_itself(pair, task.radius, given.motion) if itself else pair
 
 
 def _never_near(given: Motion, task: Task, obstacle: Obstacle) -> PairClearance:
     """Return the pair of a cable with what it cannot come near: too short for that, or all of it at a shared clamp."""
-    none, far = np.zeros(0), np.zeros((0, 3))
     place = Witnesses(
         frame=np.zeros(1, dtype=np.int64),
         arc_length=np.zeros(1),
@@ -169,7 +180,7 @@ def _never_near(given: Motion, task: Task, obstacle: Obstacle) -> PairClearance:
         obstacle=obstacle,
         limit=task.limit,
         nearest=nearest,
-        witnesses=Witnesses(np.zeros(0, dtype=np.int64), none, none, far, far, none),
+        witnesses=place.take(np.zeros(0, dtype=np.int64)),
         place=place,
         motion=0.0,
         lower_bound=math.inf,
@@ -179,34 +190,6 @@ def _never_near(given: Motion, task: Task, obstacle: Obstacle) -> PairClearance:
         excluded=(0.0, 0.0),
         closed=True,
     )
-
-
-def _met(pair: PairClearance, task: Task, motion: Array) -> PairClearance:
-    """Return the pair of a cable with itself by where it meets itself: not by the chord of the arc that is left out.
-
-    Between the places that count, those the least arc apart are near because the cable is one piece. Where nothing else
-    is near, and they are no nearer than the limit, the cable never comes near itself.
-    """
-    limit, gap = task.limit or 0.0, least_gap(task) * (1 + 1e-6)  # 1e-6: rounding, and far less than a station
-    if pair.place.other_arc_length[0] - pair.place.arc_length[0] > gap or pair.worst < limit:
-        return pair
-    met = pair.witnesses.take(pair.witnesses.other_arc_length - pair.witnesses.arc_length > gap)
-    if not len(met.frame):
-        far = replace(pair.place, clearance=np.array([math.inf]))
-        return replace(
-            pair, place=far, lower_bound=max(pair.lower_bound, limit) if pair.certified else pair.lower_bound
-        )
-    place = met.take(np.array([int(np.argmin(met.clearance))]))
-    return replace(pair, place=place, motion=float(motion[place.frame[0]]))
-
-
-def _cable_limits(given: Motion, frames: SolvedFrames, task: Task) -> Iterator[LimitResult]:
-    """Give the rows of bend radius, twist and clamp loads of the cable of ``task``, through the whole motion."""
-    for kind in CABLE_KINDS:
-        limit = getattr(given.problem.limits, kind.value)
-        if limit is not None:
-            which = LimitId(kind, task.cable)
-            yield certified_limit(which, limit, given.cables[task.cable], frames, task)
 
 
 class _Views:
@@ -393,8 +376,7 @@ def clearances(
         return ClearanceResult(motion.motion, ())
     from harness_opt.motion.between_frames import BetweenFrames
 
-    scene = load_scene(motion.problem) if scene is None else scene
-    between = Between(BetweenFrames(motion), motion.snaps)
-    return measure(
-        motion.problem, scene, motion.motion, motion.cables, Options(tolerance, stop=stop, give_up=give_up), between
-    )
+    scene, apart = load_scene(motion.problem) if scene is None else scene, split(motion)
+    between = Between(BetweenFrames(apart), apart.snaps)
+    asked = Options(tolerance, stop=stop, give_up=give_up)
+    return measure(motion.problem, scene, motion.motion, motion.cables, asked, between)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from harness_opt.clearance.solved_frames import Solve
+from harness_opt.clearance.what_counts import arc_apart
 from harness_opt.clearance.witnesses import Certificate, Witnesses
 from harness_opt.model.limits import LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Snap
+from harness_opt.model.spans import Span, has_clips, spans_of, whole
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
 
@@ -57,6 +61,7 @@ class PairClearance:
         certified: whether the whole motion holds nothing worse than :attr:`worst` by more than was asked.
         reason: why not, where it is not.
         excluded: lengths from start and end that do not count, m.
+        at_clips: stretches at the clips of the cable that do not count, from and to, m.
         closed: False where the obstacle is a shell without an inside, so that a cable inside would go unseen.
     """
 
@@ -73,6 +78,7 @@ class PairClearance:
     reason: str
     excluded: tuple[float, float]
     closed: bool
+    at_clips: tuple[tuple[float, float], ...] = ()
 
     @property
     def id(self) -> LimitId:
@@ -173,6 +179,118 @@ class Between:
 
     solve: Solve
     snaps: tuple[Snap, ...] = ()
+
+
+def met_itself(pair: PairClearance, radius: float, motion: Array) -> PairClearance:
+    """Return the pair of a cable with itself by where it meets itself: not by the chord of the arc that is left out.
+
+    Between the places that count, those the least arc apart are near because the cable is one piece. Where nothing else
+    is near, and they are no nearer than the limit, the cable never comes near itself.
+
+    Args:
+        pair: along the whole cable.
+        radius: of the cable, m.
+        motion: (P,) of the frames.
+    """
+    limit, gap = pair.limit or 0.0, arc_apart(radius, pair.limit) * (1 + 1e-6)  # 1e-6: rounding, far below a station
+    if pair.place.other_arc_length[0] - pair.place.arc_length[0] > gap or pair.worst < limit:
+        return pair
+    met = pair.witnesses.take(pair.witnesses.other_arc_length - pair.witnesses.arc_length > gap)
+    if not len(met.frame):
+        far = replace(pair.place, clearance=np.array([math.inf]))
+        bound = max(pair.lower_bound, limit) if pair.certified else pair.lower_bound
+        return replace(pair, place=far, lower_bound=bound)
+    place = met.take(np.array([int(np.argmin(met.clearance))]))
+    return replace(pair, place=place, motion=float(motion[place.frame[0]]))
+
+
+def of_whole_cables(problem: Problem, found: ClearanceResult) -> ClearanceResult:
+    """Return the clearances of the spans of ``problem`` as those of its whole cables.
+
+    A cable is as near as the nearest of its spans; two spans of one cable count as the cable with itself.
+    """
+    if not has_clips(problem):
+        return found
+    spans = spans_of(problem)
+    groups: dict[LimitId, list[PairClearance]] = {}
+    for pair in found.pairs:
+        groups.setdefault(whole(spans, pair.id), []).append(_along_whole(pair, spans))
+    inserted: dict[str, int] = {}
+    for name, count in found.inserted.items():
+        inserted[spans[name].cable] = inserted.get(spans[name].cable, 0) + count
+    rows = None if found.cable_limits is None else rows_of_whole_cables(spans, found.cable_limits)
+    pairs = [_nearest_of(which, pairs) for which, pairs in groups.items()]
+    pairs = [
+        met_itself(pair, problem.cables[pair.cable].cable.radius, found.motion) if pair.is_to_itself else pair
+        for pair in pairs
+    ]
+    return replace(found, pairs=tuple(pairs), inserted=inserted, cable_limits=rows)
+
+
+def _along_whole(pair: PairClearance, spans: Mapping[str, Span]) -> PairClearance:
+    """Return the pair of a span with its arc lengths along the whole cable."""
+    span, own = spans[pair.cable], spans[pair.cable].first
+    other = spans[pair.obstacle.name].first if pair.obstacle.is_cable else 0.0
+
+    def moved(w: Witnesses) -> Witnesses:
+        return replace(w, arc_length=w.arc_length + own, other_arc_length=w.other_arc_length + other)
+
+    stretches = ((own, own + pair.excluded[0]), (span.last - pair.excluded[1], span.last))
+    return replace(
+        pair,
+        nearest=moved(pair.nearest),
+        witnesses=moved(pair.witnesses),
+        place=moved(pair.place),
+        at_clips=tuple((first, last) for first, last in stretches if last > first),
+    )
+
+
+def _nearest_of(which: LimitId, pairs: Sequence[PairClearance]) -> PairClearance:
+    """Return one pair of what several spans of a cable are to one obstacle."""
+    worst = min(pairs, key=lambda pair: pair.worst)
+    nearest = Witnesses.joined([pair.nearest for pair in pairs])
+    frames = len(worst.nearest.frame)
+    least = np.argmin(nearest.clearance.reshape(len(pairs), frames), axis=0)
+    witnesses = Witnesses.joined([pair.witnesses for pair in pairs])
+    return replace(
+        worst,
+        cable=which.cable,
+        obstacle=which.obstacle or worst.obstacle,
+        nearest=nearest.take(least * frames + np.arange(frames)),
+        witnesses=witnesses.take(np.lexsort((witnesses.arc_length, witnesses.frame))),
+        lower_bound=min(pair.lower_bound for pair in pairs),
+        certified_along_arc=all(pair.certified_along_arc for pair in pairs),
+        certified=all(pair.certified for pair in pairs),
+        reason="; ".join(dict.fromkeys(pair.reason for pair in pairs if pair.reason)),
+        excluded=(pairs[0].excluded[0], pairs[-1].excluded[1]),
+        closed=all(pair.closed for pair in pairs),
+        at_clips=tuple(stretch for pair in pairs for stretch in pair.at_clips),
+    )
+
+
+def rows_of_whole_cables(spans: Mapping[str, Span], rows: Iterable[LimitResult]) -> tuple[LimitResult, ...]:
+    """Return the limits of whole cables from those of their ``spans``: each as bad as in the worst of these."""
+    groups: dict[LimitId, list[LimitResult]] = {}
+    for row in rows:
+        span = spans[row.cable]
+        at = span.last if row.id.clip is not None else span.first + row.arc_length
+        which = whole(spans, row.id)
+        groups.setdefault(which, []).append(replace(row, id=which, arc_length=at))
+    return tuple(_worst_of(group) for group in groups.values())
+
+
+def _worst_of(rows: Sequence[LimitResult]) -> LimitResult:
+    """Return one row of a limit of several spans of a cable."""
+    if len(rows) == 1:
+        return rows[0]
+    worst = min(rows, key=lambda row: row.margin)
+    bound = min(row.margin - row.tolerance for row in rows)
+    return replace(
+        worst,
+        certified=all(row.certified for row in rows),
+        tolerance=worst.margin - bound,
+        reason="; ".join(dict.fromkeys(row.reason for row in rows if row.reason)),
+    )
 
 
 def pairs_asked(problem: Problem, scene: Scene) -> int:

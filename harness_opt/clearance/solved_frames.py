@@ -34,11 +34,11 @@ class SolvedFrames:
     """
 
     def __init__(self, cable: str, motion: Array, shapes: CableMotion, solve: Solve, *, jumps: Array, turns: Array):
-        self.cable, self._solve, self._jumps, self._turns = cable, solve, jumps, turns
+        self.cable, self._solve, self.jumps, self.turns = cable, solve, jumps, turns
         self.s, self.times = shapes.s, motion
         self.position, self.tangent = shapes.position, rotations.tangent(shapes.quaternion)
         self.curvature = shapes.curvature
-        self.clamp_force, self.clamp_moment = shapes.force[:, [0, -1]], shapes.moment[:, [0, -1]]
+        self.force, self.moment = shapes.force[:, [0, -1]], shapes.moment[:, [0, -1]]  # at the two ends
         own = float(np.nan_to_num(np.max(shapes.estimated_error)))
         self.error = float(cubic_errors(shapes).max()) + own * shapes.s[-1]  # of the frames themselves, m
         self.given = motion
@@ -53,7 +53,7 @@ class SolvedFrames:
     def broken(self) -> NDArray[np.bool_]:
         """Between which frames nothing is known (P - 1,): the cable snaps there, or no shape was found."""
         broken = np.diff(self.times) < SHORTEST
-        for values in (self._jumps, np.array(list(self._lost))):
+        for values in (self.jumps, np.array(list(self._lost))):
             broken[self.interval(values)] = True
         return broken
 
@@ -77,8 +77,8 @@ class SolvedFrames:
             ("position", shapes.position),
             ("tangent", rotations.tangent(shapes.quaternion)),
             ("curvature", shapes.curvature),
-            ("clamp_force", shapes.force[:, [0, -1]]),
-            ("clamp_moment", shapes.moment[:, [0, -1]]),
+            ("force", shapes.force[:, [0, -1]]),
+            ("moment", shapes.moment[:, [0, -1]]),
         ):
             setattr(self, name, np.concatenate([getattr(self, name), more])[order])
 
@@ -99,7 +99,7 @@ class SolvedFrames:
         low, high = self.times[interval], self.times[interval + 1]
         frame = int(np.clip(np.searchsorted(self.given, 0.5 * (low + high)) - 1, 0, len(self.given) - 2))
         where = f"between frames {frame} and {frame + 1} (motion {low:.6f} to {high:.6f})"
-        if np.any((self._jumps > low) & (self._jumps < high)):
+        if np.any((self.jumps > low) & (self.jumps < high)):
             return f"{self.cable} snaps {where}, and what it meets on the way is not known"
         if high - low < SHORTEST:
             return f"{self.cable} jumps {where}"
@@ -109,7 +109,7 @@ class SolvedFrames:
     def stretches(self) -> list[tuple[int, int]]:
         """Return the first and last frame of each run of frames across which the motion is smooth."""
         broken = self.broken
-        kinks = np.flatnonzero(np.isin(self.times, self._turns))
+        kinks = np.flatnonzero(np.isin(self.times, self.turns))
         cuts = {0, len(self.times) - 1, *kinks}
         for k in np.flatnonzero(broken):
             cuts |= {int(k), int(k) + 1}

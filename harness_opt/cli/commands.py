@@ -28,7 +28,7 @@ from harness_opt.cli.options import (
 from harness_opt.cli.run import BEGIN, Voice, Wanted, naming, remedied, run
 from harness_opt.cli.streams import lasting, say, tell, warn
 from harness_opt.errors import HarnessError, ProblemError
-from harness_opt.model.methods import SOLVERS, TRANSCRIPTIONS
+from harness_opt.model.checks import SOLVERS, TRANSCRIPTIONS
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
@@ -106,7 +106,7 @@ def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     harness-opt check problems/lift_arm/lift_arm.toml
     """
     from harness_opt.files.read import read_problem
-    from harness_opt.model.reach import too_short
+    from harness_opt.model.spans import too_short
     from harness_opt.parts.scene import load_scene
     from harness_opt.report.description import description, facts
 
@@ -165,11 +165,12 @@ def simulate(
     chosen = {name: value for name, value in numerics.items() if value is not None}
 
     def solve(problem: Problem, progress: Shown) -> Motion:
+        from harness_opt.model.spans import spans_of
         from harness_opt.motion.simulate import simulate
 
         if out_and_back:
             problem = dataclasses.replace(problem, out_and_back=True)
-        return simulate(problem, progress=progress.solving(list(problem.cables)), throw=False, **chosen)
+        return simulate(problem, progress=progress.solving(list(spans_of(problem))), throw=False, **chosen)
 
     wanted = Wanted(folder, as_json, quiet, pictures, film, clearance_tolerance, seconds, folders)
     return run("simulate", file, wanted, solve, VOICE)
@@ -183,7 +184,8 @@ def simulate(
 @click.option(
     "--pareto", metavar="FIRST,SECOND",
     help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
-    "for each point. Of length, change, clearance, bend_radius, twist, clamp_force, clamp_moment.",
+    "for each point. Of length, change, clearance, bend_radius, twist, clamp_force, clamp_moment, clip_force and "
+    "clip_moment.",
 )  # fmt: skip
 def redesign(
     file: Path,

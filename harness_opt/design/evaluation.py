@@ -13,20 +13,20 @@ import numpy as np
 
 from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
-from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.design.margins import Rows, linearised, reach_rows
+from harness_opt.clearance.pairs import ClearanceResult, of_whole_cables
+from harness_opt.design.margins import OfWholeCables, Rows, linearised, reach_rows
 from harness_opt.design.sides import past_sides
 from harness_opt.errors import ProblemError, Status
 from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
-from harness_opt.model.reach import shortest
-from harness_opt.model.results import Motion
+from harness_opt.model.results import Motion, joined
+from harness_opt.model.spans import in_spans, shortest, spans_of
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.path import place_frames
-from harness_opt.motion.shape_rates import ShapeRates, shape_rates
+from harness_opt.motion.shape_rates import ShapeRates, clamps_of_spans, shape_rates
 from harness_opt.motion.simulate import collect
-from harness_opt.motion.sweep import Sweep, followed, sweep
+from harness_opt.motion.sweep import Sweep, followed, in_turn, sweep
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
 from harness_opt.statics.solve import Solved
@@ -44,9 +44,9 @@ class Evaluated:
     Args:
         values: of the design variables, (k,).
         indices: which of the motion's frames were solved.
-        sweeps: by cable.
+        sweeps: by span.
         motion, clearances: of these frames.
-        rates: of the shapes, by cable; empty where only a quick look was asked for.
+        rates: of the shapes, by span; empty where only a quick look was asked for.
         rows: the limits, scaled and linearised.
     """
 
@@ -59,7 +59,7 @@ class Evaluated:
     rows: Rows
 
     def predicted(self, name: str, values: Array) -> dict[int, Solved]:
-        """Return the frames of cable ``name``, by index, moved to first order to the design ``values`` (k,)."""
+        """Return the frames of span ``name``, by index, moved to first order to the design ``values`` (k,)."""
         own = self.sweeps[name]
         shapes = dict(zip(self.indices, own.frames, strict=True))
         if name in self.rates:
@@ -84,7 +84,7 @@ class Evaluated:
     @property
     def violation(self) -> float:
         """The largest shortfall, 0 where all limits hold, and what snaps cost on top."""
-        return max(0.0, *self.shortfalls.values()) + SNAP_COST * len(self.motion.snaps)
+        return max([0.0, *self.shortfalls.values()]) + SNAP_COST * len(self.motion.snaps)
 
     @property
     def worst(self) -> int:
@@ -107,7 +107,7 @@ class Evaluator:
         self.frames = place_frames(problem)
         # asked for beyond each limit, in its scale; verifications add to it
         self.asked: defaultdict[LimitId, float] = defaultdict(lambda: GUARD)
-        self.spare = {name: self._spare(name) for name in problem.cables}
+        self.spare = {name: self._spare(name) for name in spans_of(problem)}
         self._count = [0]  # shared by all that report for this one
         self._as_reported = False
         self._past_sides = True
@@ -118,9 +118,10 @@ class Evaluator:
         """How many designs were simulated."""
         return self._count[0]
 
-    def _spare(self, cable: str) -> float:
-        """Return how much longer than its clamps are apart a cable has to be, as a share: as was drawn or a little."""
-        distance, drawn = shortest(self.problem, cable)[0], self.problem.cables[cable].cable.length
+    def _spare(self, span: str) -> float:
+        """Return how much longer than its clamps are apart a span has to be, as a share: as was drawn or a little."""
+        apart = in_spans(self.problem)
+        distance, drawn = shortest(apart, span)[0], apart.cables[span].cable.length
         slack = drawn / distance - 1.0 if distance else SPARE
         return min(SPARE, 0.5 * slack) if slack > 0.0 else SPARE
 
@@ -167,36 +168,41 @@ class Evaluator:
         self._count[0] += 1
         indices = sorted({*range(0, len(self.frames), stride), len(self.frames) - 1})
         motion_values = self.frames[indices]
+
+        def follow(apart: Problem, name: str) -> Sweep:
+            close = near.predicted(name, values) if near and not self.cold else {}
+            guesses = [close.get(index) for index in indices]
+            fitted = near.sweeps[name].fitted if close and near else None
+            return sweep(
+                apart, name, motion_values, solver=self.solver, guesses=guesses, near=fitted,
+                rigour="quick look" if quick else "stable", progress=self.progress,
+            )  # fmt: skip
+
         try:
             changed = design_variables.apply(self.problem, values)
-            sweeps = {}
-            for name in changed.cables:
-                close = near.predicted(name, values) if near and not self.cold else {}
-                guesses = [close.get(index) for index in indices]
-                fitted = near.sweeps[name].fitted if close and near else None
-                sweeps[name] = sweep(
-                    changed, name, motion_values, solver=self.solver, guesses=guesses, near=fitted,
-                    rigour="quick look" if quick else "stable", progress=self.progress,
-                )  # fmt: skip
+            apart, sweeps = in_turn(changed, float(motion_values[0]), follow)
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
         if any(swept.status is Status.INTERRUPTED for swept in sweeps.values()):
             raise KeyboardInterrupt
         if not all(swept.status.ok for swept in sweeps.values()):
             return None
-        motion = collect(changed, motion_values, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
-        clearances = measure(changed, self.scene, motion_values, motion.cables)
+        spans = spans_of(changed)
+        motion = collect(apart, motion_values, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
+        clearances = measure(apart, self.scene, motion_values, motion.cables)
         rates, reach = {}, []
         if not quick:
-            for name, swept in sweeps.items():
-                clamps = design_variables.clamp_rates(self.problem, name, values, motion_values)
-                reach.append(reach_rows(changed, name, motion_values, clamps, self.spare[name]))
-                rates[name] = shape_rates(swept, clamps, motion.cables[name].s / swept.units.length, exact=False)
+            for name, clamps in clamps_of_spans(self.problem, values, motion_values, sweeps).items():
+                reach.append(reach_rows(apart, name, motion_values, clamps, self.spare[name]))
+                shares = motion.cables[name].s / sweeps[name].units.length
+                rates[name] = shape_rates(sweeps[name], clamps, shares, exact=False)
+        asked = defaultdict[LimitId, float](float) if self._as_reported else self.asked
+        seen = clearances
+        if self._past_sides and not self._as_reported:
+            seen = past_sides(apart, self.scene, motion.cables, clearances)
+        rows = linearised(apart, motion, seen, rates, OfWholeCables(asked, spans), len(values)).of_whole_cables(spans)
         if self._as_reported:
-            given = linearised(changed, motion, clearances, rates, defaultdict(float), len(values))
-            rows = given.as_reported(self.asked)
-        else:
-            seen = past_sides(changed, self.scene, motion.cables, clearances) if self._past_sides else clearances
-            rows = linearised(changed, motion, seen, rates, self.asked, len(values))
+            rows = rows.as_reported(self.asked)
         rows = Rows.joined([rows, *reach])
+        motion, clearances = joined(changed, motion), of_whole_cables(changed, clearances)
         return Evaluated(values, indices, sweeps, motion, clearances, rates, rows)

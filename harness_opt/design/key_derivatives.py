@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness_opt.clearance.measure import measure
-from harness_opt.clearance.pairs import ClearanceResult, PairClearance
+from harness_opt.clearance.pairs import ClearanceResult, PairClearance, of_whole_cables
 from harness_opt.clearance.what_counts import arc_apart, let_off_rate
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.design.curved_distance import Passing, second_order
@@ -26,12 +26,13 @@ from harness_opt.files.quantities import Quantities
 from harness_opt.files.quantity_keys import Quantity, differentiable
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.results import CableMotion, Motion, joined
+from harness_opt.model.spans import carried, has_clips, in_spans, spans_of, whole
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.path import place_frames
 from harness_opt.motion.shape_rates import ShapeRates
 from harness_opt.motion.simulate import collect
-from harness_opt.motion.sweep import Sweep, cable_motion, followed, start_positions, sweep
+from harness_opt.motion.sweep import Sweep, cable_motion, followed, in_turn, start_positions, sweep
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
@@ -101,18 +102,20 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
         SolveError: the problem cannot be simulated.
     """
     chosen = tuple(quantities[key] for key in keys)
-    problem = quantities.problem({})
-    sides = [_sides(quantities, quantity, problem) for quantity in chosen]
-    frames = place_frames(problem) if motion is None else motion
-    sweeps = {name: sweep(problem, name, frames) for name in problem.cables}
+    whole_problem = quantities.problem({})
+    frames, spans = place_frames(whole_problem) if motion is None else motion, spans_of(whole_problem)
+    problem, sweeps = in_turn(whole_problem, float(frames[0]), lambda apart, name: sweep(apart, name, frames))
     found = collect(problem, frames, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
     if not found.ok:
-        raise SolveError(found.message, found.status, found)
+        raise SolveError(found.message, found.status, joined(whole_problem, found))
+    sides = [_sides(quantities, quantity, whole_problem, sweeps) for quantity in chosen]
     clearances = measure(problem, scene, frames, found.cables)
     rates = {name: _shape_rates(problem, name, swept, frames, sides) for name, swept in sweeps.items()}
     looked = _Looked(found, rates, sides, scene)
     rows = [_pair_rows(pair, looked) for pair in clearances.pairs if pair.limit is not None]
+    rows = [dataclasses.replace(row, limit=whole(spans, row.limit)) for row in rows]
     others = linearised(problem, found, dataclasses.replace(clearances, pairs=()), rates, _Nothing(), len(keys))
+    others = others.of_whole_cables(spans)
     for limit in dict.fromkeys(limit for limit in others.limit if limit is not None):
         of = np.array([row == limit for row in others.limit])
         flat = np.zeros((np.count_nonzero(of), len(keys), len(keys)))
@@ -120,13 +123,15 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
         rows.append(_Rows(limit, scale, others.margin[of], others.rate[of], flat))
     if not rows:
         raise ProblemError("limits: found none, expected at least one for a quantity to move")
+    found, clearances = joined(whole_problem, found), of_whole_cables(whole_problem, clearances)
+    limits = tuple(dict.fromkeys(row.limit for row in rows))
     return Linear(
         chosen,
         np.concatenate([row.margin for row in rows]),
         np.concatenate([row.rate for row in rows]),
-        np.repeat(np.arange(len(rows)), [len(row.margin) for row in rows]),
-        tuple(row.limit for row in rows),
-        np.array([row.scale for row in rows]),
+        np.repeat([limits.index(row.limit) for row in rows], [len(row.margin) for row in rows]),
+        limits,
+        np.array([next(row.scale for row in rows if row.limit == limit) for limit in limits]),
         found,
         clearances,
         np.concatenate([row.second for row in rows]),
@@ -164,8 +169,8 @@ class _Looked:
 # --- a key, a little more and less ---------------------------------------------------------------------
 
 
-def _sides(quantities: Quantities, quantity: Quantity, problem: Problem) -> _Sides:
-    """Return the problem on both sides of a key.
+def _sides(quantities: Quantities, quantity: Quantity, problem: Problem, sweeps: Mapping[str, Sweep]) -> _Sides:
+    """Return the problem of spans on both sides of a key; ``sweeps`` of the ``problem`` itself, by span.
 
     Raises:
         ProblemError: the key has no derivative.
@@ -174,7 +179,20 @@ def _sides(quantities: Quantities, quantity: Quantity, problem: Problem) -> _Sid
         raise ProblemError(f"{quantity.key}: found no derivative by it, expected a number that moves a cable or a part")
     step = STEP * key_scale(quantity, problem)
     both = [quantities.problem({quantity.key: quantity.value + sign * step}) for sign in (1, -1)]
-    return _Sides(both[0], both[1], step)
+    return _Sides(_with_rolls(both[0], sweeps), _with_rolls(both[1], sweeps), step)
+
+
+def _with_rolls(problem: Problem, sweeps: Mapping[str, Sweep]) -> Problem:
+    """Return ``problem`` in spans, its clips in the rolls that they are fitted in; ``sweeps`` are of one nearby."""
+    spans = spans_of(problem)
+    apart: Problem = in_spans(problem)
+    for name in spans:
+        run = apart.cables[name]
+        if has_clips(problem) and run.untwisted == "end":
+            held = CableCases(apart, name, SOLVER, sweeps[name].fitted).problem
+            frame = held.ends(name, [run.fitted_at])[0][1].quaternion
+            apart = carried(apart, spans, name, run.fitted_at, np.asarray(frame))
+    return apart
 
 
 def key_scale(quantity: Quantity, problem: Problem) -> float:

@@ -21,8 +21,8 @@ from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.model.design_variables import ClampRates
 from harness_opt.model.limits import LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.reach import clamp_way
 from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.spans import Span, clamp_way, joints, own_ends, whole
 from harness_opt.motion.shape_rates import ShapeRates
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -56,6 +56,11 @@ class Rows:
         margin = np.where(over > 1.0, self.margin / over, self.margin) - more
         return dataclasses.replace(self, margin=margin, rate=self.rate / over[:, None] ** 2)
 
+    def of_whole_cables(self, spans: Mapping[str, Span]) -> Rows:
+        """Return the rows of spans as those of their whole cables."""
+        limit = tuple(None if which is None else whole(spans, which) for which in self.limit)
+        return dataclasses.replace(self, limit=limit)
+
     @staticmethod
     def joined(several: Sequence[Rows]) -> Rows:
         """Return the rows of all ``several`` in one."""
@@ -66,6 +71,22 @@ class Rows:
             np.concatenate([rows.frame for rows in several]),
             np.concatenate([rows.scale for rows in several]),
         )
+
+
+class OfWholeCables(dict[LimitId, float]):
+    """What is asked for beyond the limits of spans: what is of those of their whole cables.
+
+    Args:
+        asked: of whole cables; must know every limit.
+        spans: by name.
+    """
+
+    def __init__(self, asked: Mapping[LimitId, float], spans: Mapping[str, Span]):
+        super().__init__()
+        self._asked, self._spans = asked, spans
+
+    def __missing__(self, which: LimitId) -> float:
+        return self._asked[whole(self._spans, which)]
 
 
 def linearised(
@@ -79,7 +100,7 @@ def linearised(
     """Return the rows of all limits.
 
     Args:
-        problem: the design simulated.
+        problem: the design simulated, of cables without clips, or of spans.
         motion, clearances: of that design.
         rates: of its shapes, by cable; empty leaves the rates of the rows at zero.
         asked: what is asked for beyond each limit, in its scale; must know every limit.
@@ -92,6 +113,8 @@ def linearised(
     ]
     for name in motion.cables:
         rows += _cable_rows(problem, name, motion, rates.get(name), asked, variables)
+    for joint in joints(problem):
+        rows += _clip_rows(problem, joint, motion, rates, asked, variables)
     rows += [
         _through_itself(problem, name, frame, asked, variables)
         for name, (frame, _) in motion.through_themselves.items()
@@ -198,7 +221,7 @@ def _cable_rows(
 ) -> list[Rows]:
     """Linearise bend radius, twist and clamp loads at the worst stations of every frame."""
     limits, shapes, rows = problem.limits, motion.cables[cable], []
-    everywhere, clamps = np.arange(len(shapes.s)), np.array([0, len(shapes.s) - 1])
+    everywhere, clamps = np.arange(len(shapes.s)), np.arange(len(shapes.s))[own_ends(problem.cables[cable])]
     bend = None if limits.bend_radius is None else 1.0 / limits.bend_radius
     for kind, quantity, limit, part, stations in (
         (LimitKind.BEND_RADIUS, "curvature", bend, slice(0, 2), everywhere),
@@ -206,7 +229,7 @@ def _cable_rows(
         (LimitKind.CLAMP_FORCE, "force", limits.clamp_force, slice(0, 3), clamps),
         (LimitKind.CLAMP_MOMENT, "moment", limits.clamp_moment, slice(0, 3), clamps),
     ):
-        if limit is None:
+        if limit is None or not len(stations):
             continue
         vector = getattr(shapes, quantity)[..., part]
         size = np.linalg.norm(vector, axis=-1)
@@ -220,6 +243,33 @@ def _cable_rows(
         which = LimitId(kind, cable)
         scale = np.full(len(frame), 1.0 / limit if kind is LimitKind.BEND_RADIUS else limit)
         rows.append(Rows(1.0 - worst / limit - asked[which], slope, (which,) * len(frame), frame, scale))
+    return rows
+
+
+def _clip_rows(
+    problem: Problem,
+    joint: tuple[str, str, str],
+    motion: Motion,
+    rates: Mapping[str, ShapeRates],
+    asked: Mapping[LimitId, float],
+    variables: int,
+) -> list[Rows]:
+    """Linearise what a clip applies to the cable: what force and moment inside it lose there, in every frame."""
+    clip, before, behind = joint
+    rows = []
+    for kind, quantity in ((LimitKind.CLIP_FORCE, "force"), (LimitKind.CLIP_MOMENT, "moment")):
+        limit = getattr(problem.limits, kind.value)
+        if limit is None:
+            continue
+        load = getattr(motion.cables[before], quantity)[:, -1] - getattr(motion.cables[behind], quantity)[:, 0]
+        size = np.linalg.norm(load, axis=-1)
+        slope = np.zeros((len(size), variables))
+        if rates:
+            changes = getattr(rates[before], quantity)[:, -1] - getattr(rates[behind], quantity)[:, 0]
+            slope = -np.einsum("pc,pck->pk", load / np.maximum(size, TINY)[:, None], changes) / limit
+        which, count = LimitId(kind, before, clip=clip), len(size)
+        margin = 1.0 - size / limit - asked[which]
+        rows.append(Rows(margin, slope, (which,) * count, np.arange(count), np.full(count, limit)))
     return rows
 
 

@@ -109,7 +109,7 @@ class Redesign:
         """The largest shortfall of a limit over its scale; 0 where all hold."""
         cables = self.problem.cables
         shares = (-row.margin / row.scale(cables[row.cable].cable.radius) for row in self.limits)
-        return max(0.0, *shares)
+        return max([0.0, *shares])
 
     @property
     def ok(self) -> bool:

@@ -23,7 +23,7 @@ from harness_opt.design.starts import coarse_stride, looks, promising
 from harness_opt.design.verification import Verified, ask_for_more, rounded, strays, verify
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
-from harness_opt.model.reach import clamp_way
+from harness_opt.model.spans import clamp_way
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 

@@ -21,8 +21,8 @@ from harness_opt.design.objective import CLOSE, Objective
 from harness_opt.design.sqp import SMALL
 from harness_opt.errors import ProblemError
 from harness_opt.model import design_variables
-from harness_opt.model.reach import shortest, too_short
 from harness_opt.model.results import LimitResult, Motion
+from harness_opt.model.spans import in_spans, shortest, too_short
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics.quadratic_program import Program, solve
 from harness_opt.numerics.rotations import Array
@@ -72,7 +72,8 @@ def beginning(evaluate: Evaluator, objective: Objective, values: Array) -> Begin
         for look in sorted(seen, key=lambda one: objective.preference(one.values)):
             first = first or evaluate(look.values, look)
     if short:
-        by = {name: shortest(problem, name)[0] - problem.cables[name].cable.length for name in short}
+        apart = in_spans(problem)
+        by = {name: shortest(apart, name)[0] - apart.cables[name].cable.length for name in short}
         return Beginning(first, Motion(problem, np.zeros(0), {}), None, by)
     if first is not None and np.array_equal(first.values, design_variables.values(problem)):
         return Beginning(first, first.motion, all_limits(problem, first.motion, first.clearances))
@@ -112,7 +113,7 @@ def joinable(evaluate: Evaluator, objective: Objective, values: Array) -> Array:
 def _reach(evaluate: Evaluator, values: Array) -> Rows:
     """Return by how much the cables are long enough in all frames, at the design ``values`` (k,)."""
     problem, motion = evaluate.problem, evaluate.frames
-    changed = design_variables.apply(problem, values)
+    changed = in_spans(design_variables.apply(problem, values))
     rates = {name: design_variables.clamp_rates(problem, name, values, motion) for name in changed.cables}
     return Rows.joined([reach_rows(changed, name, motion, rates[name], evaluate.spare[name]) for name in rates])
 

@@ -19,10 +19,10 @@ from harness_opt.design.evaluation import GUARD, HELD, Evaluated, Evaluator
 from harness_opt.design.objective import Objective
 from harness_opt.model import design_variables
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import STATIONS, CableMotion, LimitResult, Motion
+from harness_opt.model.results import STATIONS, CableMotion, LimitResult, Motion, joined, split
 from harness_opt.motion.between_frames import BetweenFrames
 from harness_opt.motion.simulate import collect
-from harness_opt.motion.sweep import followed, sweep
+from harness_opt.motion.sweep import Sweep, followed, in_turn, sweep
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -85,7 +85,8 @@ def verify(evaluate: Evaluator, design: Evaluated, unrounded: Evaluated | None =
     problem = design_variables.rebased(evaluate.problem, design.values)
     fine = np.interp(np.linspace(0, 1, 2 * len(frames) - 1), np.linspace(0, 1, len(frames)), frames)
     motion = _fine_motion(problem, fine, design, evaluate.solver)
-    between = Between(BetweenFrames(motion), motion.snaps)
+    apart = split(motion)
+    between = Between(BetweenFrames(apart), apart.snaps)
     clearances = measure(problem, evaluate.scene, motion.motion, motion.cables, between=between)
     rows = all_limits(problem, motion, clearances)
     return Verified(design, unrounded or design, motion, clearances, rows)
@@ -94,11 +95,14 @@ def verify(evaluate: Evaluator, design: Evaluated, unrounded: Evaluated | None =
 def _fine_motion(problem: Problem, fine: Array, design: Evaluated, solver: str) -> Motion:
     """Simulate ``problem`` anew, from a cold start, on the frames ``fine`` and twice the elements."""
     begin = time.perf_counter()
-    cables = {}
-    for name in problem.cables:
+
+    def follow(apart: Problem, name: str) -> Sweep:
         elements = 2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1)
-        cables[name] = followed(sweep(problem, name, fine, solver=solver, elements=elements))
-    return collect(problem, fine, cables, time.perf_counter() - begin)
+        return sweep(apart, name, fine, solver=solver, elements=elements)
+
+    apart, sweeps = in_turn(problem, float(fine[0]), follow)
+    cables = {name: followed(swept) for name, swept in sweeps.items()}
+    return joined(problem, collect(apart, fine, cables, time.perf_counter() - begin))
 
 
 def ask_for_more(evaluate: Evaluator, found: Verified) -> None:

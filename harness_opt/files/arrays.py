@@ -105,7 +105,7 @@ def plain_array(name: str, stored: Any, size: int) -> Array:
 def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
     """Return the shapes of cable ``name``, all of them of the sizes that fit each other."""
     s = arrays.get(f"{name}/s", np.zeros(0))
-    if s.ndim != 1 or len(s) < 2 or not _finite(s) or s[0] != 0.0 or np.any(np.diff(s) <= 0):
+    if s.ndim != 1 or len(s) < 2 or not _finite(s) or s[0] != 0.0 or not s[-1] > 0.0 or np.any(np.diff(s) < 0.0):
         raise ValueError(f"{name}/s: no arc lengths")
     found: dict[str, Array] = {}
     for field, numbers in KEPT.items():
@@ -123,7 +123,7 @@ def _cable(name: str, arrays: Mapping[str, Array], frames: int) -> CableMotion:
         if values.shape != (frames,):
             raise ValueError(f"{name}/{field}: {values.shape}")
         found[field] = values
-    mesh = arrays.get(f"{name}/mesh", np.linspace(0.0, 1.0, len(s)))
-    if mesh.ndim != 1 or len(mesh) < 2 or not _finite(mesh) or np.any(np.diff(mesh) <= 0):
+    mesh = arrays.get(f"{name}/mesh", s / s[-1])
+    if mesh.ndim != 1 or len(mesh) < 2 or not _finite(mesh) or np.any(np.diff(mesh) < 0.0):
         raise ValueError(f"{name}/mesh: no nodes of elements")
     return CableMotion(s, **found, mesh=mesh)

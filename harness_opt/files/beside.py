@@ -14,8 +14,7 @@ from typing import Any
 from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
 from harness_opt.files.schema import MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
 from harness_opt.files.values import MESH_UNITS
-from harness_opt.model.between import Tree, table, value
-from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
+from harness_opt.model.checks import KeyPath, Mistake, Tree, one_of, shown, table, value
 
 MOST_LIBRARY_BYTES = MEGABYTE
 OF_A_LIBRARY = (

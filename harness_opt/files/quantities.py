@@ -16,10 +16,11 @@ from harness_opt.files.beside import mistakes_of_limits, mistakes_of_parts, with
 from harness_opt.files.places import Places
 from harness_opt.files.quantity_keys import PERCENT, TURNS, Quantity, known, unknown
 from harness_opt.files.read import content_of, parse_problem, problem_from, toml_tables
-from harness_opt.files.schema import ProblemTable, structured
+from harness_opt.files.schema import ProblemTable
+from harness_opt.files.values import structured
 from harness_opt.files.write import problem_text
 from harness_opt.model import design_variables
-from harness_opt.model.between import mistakes_between
+from harness_opt.model.between import by_name, mistakes_between
 from harness_opt.model.bodies import Poses
 from harness_opt.model.checks import KeyPath, dotted
 from harness_opt.model.design import Design, Variable
@@ -83,7 +84,8 @@ class Quantities(Mapping[str, Quantity]):
                 if quantity.component is None:
                     table[name] = value
                 else:
-                    given = self._known[dotted(quantity.path)].value
+                    whole = (q.value for q in self._known.values() if q.path == quantity.path and q.component is None)
+                    given = next(whole)
                     entries = list(table.get(name, given))
                     entries[quantity.component] = value
                     table[name] = entries
@@ -110,7 +112,7 @@ class Quantities(Mapping[str, Quantity]):
         A cable too short for its clamps is not among them: a longer one beside it would do.
         """
         try:
-            _, tree, wrong = structured(self.changed(values))
+            _, tree, wrong = structured(self.changed(values), ProblemTable)
         except ProblemError as error:
             return list(error.mistakes)
         wrong += [*mistakes_between(tree), *mistakes_of_parts(tree, self.places), *mistakes_of_limits(tree)]
@@ -165,8 +167,13 @@ def _change(entry: tuple[Quantity, Any]) -> bool:
 def _table(tree: Tree, path: KeyPath) -> Tree:
     """Return the table at ``path`` of ``tree``, each table on the way replaced by a copy that may be changed."""
     for name in path:
-        tree[name] = dict(tree.get(name, {}))
-        tree = tree[name]
+        if isinstance(tree, list):  # of tables with names
+            place = list(by_name(tree)).index(name)
+            tree[place] = dict(tree[place])
+            tree = tree[place]
+        else:
+            tree[name] = list(tree[name]) if isinstance(tree.get(name), list) else dict(tree.get(name, {}))
+            tree = tree[name]
     return tree
 
 
@@ -176,7 +183,11 @@ def _scaled(value: Any, factor: float) -> Any:
 
 def _turned(problem: Problem, turns: Sequence[tuple[Quantity, float]]) -> Problem:
     """Return ``problem`` with clamps and parts turned, each about its own x, then y, then z."""
-    clamps = [(".".join((*quantity.path[1:], quantity.change)), angle) for quantity, angle in turns if _clamp(quantity)]
+    clamps = [
+        (f"{quantity.path[1]}.{quantity.path[-1]}.{quantity.change}", angle)
+        for quantity, angle in turns
+        if _clamp(quantity)
+    ]
     if clamps:
         variables = tuple(Variable(name, angle, angle) for name, angle in clamps)
         given = problem.changed(design=Design(variables=variables))

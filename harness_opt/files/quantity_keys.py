@@ -11,15 +11,17 @@ heavier.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.schema import ProblemTable, RobustTable
 from harness_opt.files.tolerance_table import tolerance
-from harness_opt.model.between import SIDES
+from harness_opt.model.between import by_name
+from harness_opt.model.cable import ENDS
 from harness_opt.model.checks import KeyPath, Mistake, dotted, one_of
 
+CLIPS = "clips"  # of a cable: an array of tables, each with its name
 COMPONENTS = {3: "xyz", 4: "wxyz"}  # names of the entries of a list, by its length; others are numbered
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 WEIGHTS = ("density", "mass_per_length")  # one of the two is given, or none
@@ -57,7 +59,10 @@ class Quantity:
 def known(tables: ProblemTable) -> dict[str, Quantity]:
     """Return the quantities of a problem file by key."""
     full = tables.model_dump(by_alias=True)
-    return {quantity.key: quantity for quantity in (*_values(full), *_changes(full))}
+    found: dict[str, Quantity] = {}
+    for quantity in (*_values(full), *_changes(full)):
+        found.setdefault(quantity.key, quantity)  # a clip may be called as a key of its cable is: that key is meant
+    return found
 
 
 def unknown(quantities: Mapping[str, Quantity], key: str) -> str:
@@ -119,6 +124,12 @@ def _values(full: Any, path: KeyPath = ()) -> Iterator[Quantity]:
             yield Quantity(dotted(here), here, value)
         if isinstance(value, Mapping):
             yield from _values(value, here)
+        elif name == CLIPS:  # told by their names, as in design variables
+            for clip, own in by_name(value).items():
+                fixed = {key: entry for key, entry in own.items() if key not in ("name", "kind")}
+                for quantity in _values({clip: fixed}, here):
+                    key = dotted((*path, *quantity.path[len(here) :]))
+                    yield replace(quantity, key=key + quantity.key[len(dotted(quantity.path)) :])
         elif isinstance(value, (list, tuple)):
             names = COMPONENTS.get(len(value), [str(i) for i in range(len(value))])
             for i, (letter, entry) in enumerate(zip(names, value, strict=True)):
@@ -134,10 +145,12 @@ def _changes(full: Any) -> Iterator[Quantity]:
         for change, keys in PERCENT.items():
             if any(cable[key] for key in keys):
                 yield Quantity(dotted((*path, change)), path, 0.0, change=change)
-        for side in SIDES:
-            if cable[side]["quaternion"] is not None or cable[side]["tangent"] is not None:
+        ends: dict[KeyPath, Any] = {(side,): cable[side] for side in ENDS}
+        ends |= {(CLIPS, clip): own for clip, own in by_name(cable[CLIPS]).items()}
+        for side, end in ends.items():
+            if end["quaternion"] is not None or end["tangent"] is not None:
                 for turn in TURNS:
-                    yield Quantity(dotted((*path, side, turn)), (*path, side), 0.0, change=turn)
+                    yield Quantity(dotted((*path, side[-1], turn)), (*path, *side), 0.0, change=turn)
     for name in full["parts"]:
         for turn in TURNS:
             yield Quantity(dotted(("parts", name, turn)), ("parts", name), 0.0, change=turn)

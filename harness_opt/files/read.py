@@ -27,12 +27,13 @@ from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
 from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
+from harness_opt.files.values import structured
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
-from harness_opt.model.between import Tree, mistakes_between, table
+from harness_opt.model.between import mistakes_between
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
-from harness_opt.model.cable import Cable, CableRun, End
-from harness_opt.model.checks import Mistake, coupling, dotted, shown
+from harness_opt.model.cable import Cable, CableRun, Clip, End
+from harness_opt.model.checks import Mistake, Tree, coupling, dotted, shown, table
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
@@ -151,7 +152,7 @@ def problem_from(
             f"{file}: found a study, expected a problem file; a study is run by: harness-opt study {file}"
         )
     raw, of_libraries = with_cables(raw, places, places.folder / file.name)
-    tables, tree, mistakes = file_schema.structured(raw)
+    tables, tree, mistakes = structured(raw, file_schema.ProblemTable)
     told = {path for path, _ in of_libraries}
     mistakes = [*of_libraries, *(mistake for mistake in mistakes if mistake[0] not in told)]
     mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
@@ -297,7 +298,8 @@ def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyM
 
 def _cable_run(cable: file_schema.CableTable) -> CableRun:
     ends = _end(cable.start), _end(cable.end)
-    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at)
+    clips = tuple(Clip(**clip.model_dump(exclude={"kind"})) for clip in cable.clips)
+    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at, clips=clips)
 
 
 def _cable(cable: file_schema.CableTable) -> Cable:
@@ -343,6 +345,8 @@ def _limits(tables: file_schema.ProblemTable) -> Limits:
         twist=None if twist is None else math.radians(twist),
         clamp_force=limits.clamp_force,
         clamp_moment=limits.clamp_moment,
+        clip_force=limits.clip_force,
+        clip_moment=limits.clip_moment,
     )
 
 

@@ -1,15 +1,13 @@
-"""The tables of a problem file as pydantic models, the JSON Schema drawn from them, and the check key by key.
+"""The tables of a problem file as pydantic models, and the JSON Schema drawn from them.
 
 What needs two keys is checked in :mod:`~harness_opt.files.checks`.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Field, JsonValue
 
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
@@ -31,7 +29,6 @@ from harness_opt.files.values import (
     Share,
     Size,
     Table,
-    TableKind,
     Text,
     UpAxis,
     Vector,
@@ -39,8 +36,7 @@ from harness_opt.files.values import (
     only_integer,
     schema_of,
 )
-from harness_opt.model.between import INVALID
-from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
+from harness_opt.model.checks import one_of
 
 UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
 MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
@@ -100,6 +96,16 @@ class EndTable(Table):
     )
 
 
+class ClipTable(EndTable):
+    """What holds a cable on its way, as an end is held, the cable going on beyond it."""
+
+    name: Text = Field(description="Of the clip, none other of the cable's; not start, end or length.")
+    at: Positive = Field(description="Arc length at which the cable is clipped, m.")
+    kind: Annotated[Literal["fixed"], Expected(one_of(("fixed",)))] = Field(
+        default="fixed", description="The clip holds the cable's place and its section frame."
+    )
+
+
 class CableTable(Table):
     """A homogeneous, inextensible, unshearable, linearly elastic cable and what holds its ends."""
 
@@ -124,6 +130,7 @@ class CableTable(Table):
     fitted_at: MotionValue = Field(default=0.0, description="Motion value, 0 to 1, where an untwisted end is clamped.")
     start: EndTable = Field(description="What holds the cable at arc length 0.")
     end: EndTable = Field(description="What holds the cable at its full length.")
+    clips: list[ClipTable] = Field(default_factory=list, description="What holds it between, along the cable.")
 
 
 class HingeTable(Table):
@@ -159,7 +166,6 @@ class PosesTable(Table):
 
 
 MotionTable = Annotated[HingeTable | SlideTable | PosesTable, Field(discriminator="kind")]
-MOTION_KINDS = ("hinge", "slide", "poses")
 
 
 class BodyTable(Table):
@@ -253,6 +259,8 @@ class LimitsTable(Table):
     twist_deg_per_m: Positive | None = Field(default=None, description="Largest twist per length, degrees/m.")
     clamp_force: Positive | None = Field(default=None, description="Largest force at a clamp, N.")
     clamp_moment: Positive | None = Field(default=None, description="Largest moment at a clamp, N m.")
+    clip_force: Positive | None = Field(default=None, description="Largest force of a clip on the cable, N.")
+    clip_moment: Positive | None = Field(default=None, description="Largest moment of a clip on the cable, N m.")
 
 
 class PathTable(Table):
@@ -330,70 +338,6 @@ class ProblemTable(Table):
     robust: RobustTable | None = Field(default=None, description="For a redesign that holds within tolerances.")
 
 
-# --- use -----------------------------------------------------------------------------------------------
-
-
-def structured(
-    raw: Mapping[str, Any],
-    model: type[TableKind] = ProblemTable,  # type: ignore[assignment]
-) -> tuple[TableKind | None, dict[str, Any], list[Mistake]]:
-    """Validate a parsed file key by key.
-
-    Args:
-        raw: the nested tables, as :mod:`tomllib` gives them.
-        model: what the file holds.
-
-    Returns:
-        The tables, or None where there are mistakes; a copy of ``raw`` with :data:`INVALID` in the place of
-        every wrong value, so that what is left can be checked further; and the mistakes.
-    """
-    tree = _copied(raw)
-    try:
-        return model.model_validate(raw), tree, []
-    except ValidationError as error:
-        return None, tree, [_mistake(tree, e) for e in error.errors()]
-
-
 def schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of the problem file, with units and words on every key."""
     return schema_of(ProblemTable, "Problem file of harness-opt")
-
-
-def _copied(value: Any) -> Any:
-    return {key: _copied(item) for key, item in value.items()} if isinstance(value, Mapping) else value
-
-
-def _mistake(tree: dict[str, Any], error: Any) -> Mistake:
-    """Return ``error`` in words, and put :data:`INVALID` in its place in ``tree``."""
-    path = _path(tree, error)
-    value, words = error["input"], error["msg"]
-    parent = tree
-    for key in path[:-1]:
-        parent = parent[key]
-    if error["type"] == "nothing":
-        return path, f"found nothing, expected {words}"
-    parent[path[-1]] = INVALID
-    if error["type"] == "unknown":
-        return path, f"found an unknown key, expected {words}"
-    if error["type"] == "kind":
-        kind = value.get("kind")
-        found = "nothing" if kind is None else shown(kind)
-        return (*path, "kind"), f"found {found}, expected {one_of(MOTION_KINDS, kind)}"
-    if error["type"] == "too_short":
-        return path, "found an empty table, expected at least one cable"
-    if path[:2] == ("design", "variables") and isinstance(value, Mapping):
-        words += f", behind a name in quotes such as {json.dumps(path[2] + '.length')}"
-    return path, f"found {shown(value)}, expected {words}"
-
-
-def _path(tree: dict[str, Any], error: Any) -> KeyPath:
-    """Return the keys that lead to an error: pydantic's location without the tags of unions."""
-    node: Any = tree
-    path: list[str] = []
-    for step in error["loc"]:
-        if isinstance(node, dict) and step in node:
-            node = node[step]
-            path.append(str(step))
-    if error["type"] == "nothing":
-        path.append(str(error["loc"][-1]))
-    return tuple(path)

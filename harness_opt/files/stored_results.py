@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from harness_opt.errors import HarnessError, ProblemError
 from harness_opt.files.arrays import ROUNDING, read_arrays
 from harness_opt.files.read import read_problem
 from harness_opt.files.result_folder import SUMMARY, read_summary
+from harness_opt.model.cable import CableRun
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Snap
 from harness_opt.numerics.rotations import Array
@@ -53,6 +56,7 @@ def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, Motion | None, 
                 int(snap["frame"]),
                 float(snap["motion"]),
                 bool(snap.get("passes_through_itself", False)),
+                str(snap.get("span", "")),
             )
             for snap in summary.get("snaps", ())
         )
@@ -71,11 +75,25 @@ def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, Motion | None, 
             if not math.isclose(length, run.cable.length, rel_tol=ROUNDING):
                 words = f"{name} {length:g} m long, not {run.cable.length:g}"
                 raise HarnessError(f"{folder}: found a damaged result ({words}), expected a whole one")
+            if not _clipped(run, shapes[name]):
+                words = f"{name} without two stations at each of its {len(run.clips)} clips"
+                raise HarnessError(f"{folder}: found a damaged result ({words}), expected a whole one")
     if any(snap.cable not in cables or not 0 <= snap.frame < len(values) for snap in snaps):
         raise HarnessError(f"{folder}: found a damaged result (a snap of no cable or frame), expected a whole one")
     motion = Motion(problem, values, cables, snaps=snaps)
     before = None if earlier is None or not earlier[1] else Motion(given, *earlier)
     return motion, before, worst
+
+
+def _clipped(run: CableRun, shapes: CableMotion) -> bool:
+    """Return whether there are two stations and two nodes at each clip, and nowhere else."""
+    length = run.cable.length
+    for places, unit in ((shapes.s, length), (shapes.mesh, 1.0)):
+        doubled = places[np.flatnonzero(np.diff(places) == 0.0)] / unit
+        at = np.array([clip.at / length for clip in run.clips])
+        if doubled.shape != at.shape or not np.allclose(doubled, at, rtol=0.0, atol=ROUNDING):
+            return False
+    return True
 
 
 def within(folder: Path, file: Path) -> Path:

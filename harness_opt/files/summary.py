@@ -32,6 +32,7 @@ class LimitEntry(TypedDict):
     cable: str
     part: Annotated[str | None, _said("Name of a part, ``cable:NAME`` of a cable; null for limits but clearance")]
     other_cable: Annotated[str | None, _said("Name of the cable that a clearance is measured to; itself counts")]
+    clip: NotRequired[Annotated[str | None, _said("Name of the clip whose load is limited; null for other limits")]]
     limit: Number
     worst: Number
     margin: Annotated[Number, _said("At least 0 holds")]
@@ -97,6 +98,7 @@ class SnapEntry(TypedDict):
     frame: int
     motion: float
     passes_through_itself: Annotated[bool, _said("Whether it lost a turn on the way: not without contact")]
+    span: Annotated[str, _said("Where cables have clips, the span that jumps; else empty")]
 
 
 class ProblemEntry(TypedDict):
@@ -304,6 +306,7 @@ def limit_entry(row: LimitResult) -> LimitEntry:
         cable=row.cable,
         part=part,
         other_cable=other,
+        clip=row.id.clip,
         limit=unit * row.limit,
         worst=unit * row.worst,
         margin=unit * row.margin,
@@ -322,7 +325,8 @@ def limit_of(entry: LimitEntry) -> LimitId:
     kind = KIND_OF_KEY[entry["name"]]
     if entry["other_cable"] is not None:
         return LimitId(kind, entry["cable"], Obstacle(entry["other_cable"], is_cable=True))
-    return LimitId(kind, entry["cable"], Obstacle(entry["part"]) if entry["part"] is not None else None)
+    part = None if entry["part"] is None else Obstacle(entry["part"])
+    return LimitId(kind, entry["cable"], part, entry.get("clip"))
 
 
 def obstacle_entry(obstacle: Obstacle | None) -> tuple[str | None, str | None]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -21,13 +22,15 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from harness_opt.model.checks import LARGEST, one_of
+from harness_opt.model.between import by_name
+from harness_opt.model.checks import INVALID, LARGEST, KeyPath, Mistake, one_of, shown
 from harness_opt.numerics import rotations
 
 QUATERNION_TOLERANCE = 1e-3  # largest | |q| - 1 | taken as rounding: three typed digits do; normalised then
 SMALLEST = 1e-100  # of a number that has to be above 0: nothing that is divided by it may overflow
 SHORTEST = 1e-100  # direction, in any unit: its square must not vanish
 
+MOTION_KINDS = ("hinge", "slide", "poses")
 MESH_UNITS = ("m", "cm", "mm", "in")
 UP_AXES = ("y", "z")
 
@@ -184,3 +187,71 @@ class _FileSchema(GenerateJsonSchema):
         """Return the schema with its default, unless that is null or a table of nulls."""
         generated = super().default_schema(schema)
         return {k: v for k, v in generated.items() if k != "default" or not isinstance(v, dict | None)}
+
+
+# --- a file against its tables, key by key ------------------------------------------------------------------------
+
+
+def structured(
+    raw: Mapping[str, Any], model: type[TableKind]
+) -> tuple[TableKind | None, dict[str, Any], list[Mistake]]:
+    """Validate a parsed file key by key.
+
+    Args:
+        raw: the nested tables, as :mod:`tomllib` gives them.
+        model: what the file holds.
+
+    Returns:
+        The tables, or None where there are mistakes; a copy of ``raw`` with :data:`INVALID` in the place of
+        every wrong value, so that what is left can be checked further, and with arrays of tables, such as clips, as
+        tables by :func:`~harness_opt.model.between.by_name`; and the mistakes.
+    """
+    tree = _copied(raw)
+    try:
+        return model.model_validate(raw), tree, []
+    except ValidationError as error:
+        return None, tree, [_mistake(tree, e) for e in error.errors()]
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        value = by_name(value)
+    return {key: _copied(item) for key, item in value.items()} if isinstance(value, Mapping) else value
+
+
+def _mistake(tree: dict[str, Any], error: Any) -> Mistake:
+    """Return ``error`` in words, and put :data:`INVALID` in its place in ``tree``."""
+    path = _path(tree, error)
+    value, words = error["input"], error["msg"]
+    parent = tree
+    for key in path[:-1]:
+        parent = parent[key]
+    if error["type"] == "nothing":
+        return path, f"found nothing, expected {words}"
+    parent[path[-1]] = INVALID
+    if error["type"] == "unknown":
+        return path, f"found an unknown key, expected {words}"
+    if error["type"] == "kind":
+        kind = value.get("kind")
+        found = "nothing" if kind is None else shown(kind)
+        return (*path, "kind"), f"found {found}, expected {one_of(MOTION_KINDS, kind)}"
+    if error["type"] == "too_short":
+        return path, "found an empty table, expected at least one cable"
+    if path[:2] == ("design", "variables") and isinstance(value, Mapping):
+        words += f", behind a name in quotes such as {json.dumps(path[2] + '.length')}"
+    return path, f"found {shown(value)}, expected {words}"
+
+
+def _path(tree: dict[str, Any], error: Any) -> KeyPath:
+    """Return the keys that lead to an error: pydantic's location without the tags of unions."""
+    node: Any = tree
+    path: list[str] = []
+    for step in error["loc"]:
+        # an array of tables has become tables by name
+        key = list(node)[step] if isinstance(step, int) and isinstance(node, dict) else step
+        if isinstance(node, dict) and key in node:
+            node = node[key]
+            path.append(str(key))
+    if error["type"] == "nothing":
+        path.append(str(error["loc"][-1]))
+    return tuple(path)

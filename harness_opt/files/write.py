@@ -142,29 +142,32 @@ def _cable(run: CableRun) -> Table:
         ("rest_curvature", _numbers(cable.rest_curvature) if any(cable.rest_curvature) else None, "1/m"),
         ("bow", _numbers(run.bow), "to which side it bows at the start"),
         ("fitted_at", float(run.fitted_at) or None, "of the motion, 0 to 1, where an untwisted end is clamped"),
-        ("start", _end(run.start), ""),
-        ("end", _end(run.end), ""),
+        ("start", _inline(_end_rows(run.start)), ""),
+        ("end", _inline(_end_rows(run.end)), ""),
     ]
     found: Table = _fill(tomlkit.table(), rows)
+    if run.clips:
+        clips = tomlkit.aot()
+        for clip in run.clips:
+            clips.append(_fill(tomlkit.table(), [("name", clip.name, ""), ("at", clip.at, "m"), *_end_rows(clip)]))
+        found.add("clips", clips)
     return found
 
 
-def _end(end: End) -> InlineTable:
-    return _inline(
-        [
-            ("body", end.body, ""),
-            ("position", _numbers(end.position), ""),
-            ("force", _numbers(end.force), ""),
-            ("quaternion", _numbers(end.quaternion), ""),
-            ("tangent", _numbers(end.tangent), ""),
-            ("roll", end.roll if end.roll != "untwisted" else None, ""),
-            ("roll_deg", end.roll_deg, ""),
-            ("moment", _numbers(end.moment), ""),
-            ("turns", end.turns or None, ""),
-            ("holders", None if end.holders is None else list(end.holders), ""),
-            ("let_off", end.let_off, ""),
-        ]
-    )
+def _end_rows(end: End) -> Rows:
+    return [
+        ("body", end.body, ""),
+        ("position", _numbers(end.position), ""),
+        ("force", _numbers(end.force), ""),
+        ("quaternion", _numbers(end.quaternion), ""),
+        ("tangent", _numbers(end.tangent), ""),
+        ("roll", end.roll if end.roll != "untwisted" else None, ""),
+        ("roll_deg", end.roll_deg, ""),
+        ("moment", _numbers(end.moment), ""),
+        ("turns", end.turns or None, ""),
+        ("holders", None if end.holders is None else list(end.holders), ""),
+        ("let_off", end.let_off, ""),
+    ]
 
 
 def _body(name: str, body: Body, file: Path, pending: dict[Path, bytes]) -> Table:
@@ -252,6 +255,8 @@ def _limit_rows(limits: Limits) -> Rows:
         ("twist_deg_per_m", None if twist is None else _degrees(twist), ""),
         ("clamp_force", given["clamp_force"], "N"),
         ("clamp_moment", given["clamp_moment"], "N m"),
+        ("clip_force", given["clip_force"], "N"),
+        ("clip_moment", given["clip_moment"], "N m"),
     ]
 
 

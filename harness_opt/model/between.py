@@ -7,39 +7,29 @@ twice, and both in the same words.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
 
 from harness_opt.model import checks
+from harness_opt.model.between_variables import mistakes_of_variables
 from harness_opt.model.bodies import WORLD, Body
-from harness_opt.model.cable import Cable, CableRun, End
-from harness_opt.model.checks import KeyPath, Mistake, coupling, dotted, one_of, shown
+from harness_opt.model.cable import ENDS, NO_CLIP, Cable, CableRun, End
+from harness_opt.model.checks import INVALID, ORIENTATIONS, KeyPath, Mistake, Tree, dotted, one_of, shown, table, value
 from harness_opt.model.design import Minimise
 from harness_opt.model.parts import Box, MeshFile, Part
-from harness_opt.model.reach import too_short
+from harness_opt.model.spans import too_short
 
-Tree = Mapping[str, Any]
-INVALID = object()  # in the place of a value that is known to be wrong
-
-SIDES = ("start", "end")
-ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
 LONGEST_NAME = 100  # letters; names become file names and array names
 NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
 KINDS = {"cables": CableRun, "bodies": Body, "parts": Part}
 AT_LEAST_0 = ("clearance",)  # of the limits; the others are above 0
 
 
-def table(tree: Any, *path: str) -> Tree:
-    """Return the table at ``path``; an empty one where there is none."""
-    for key in path:
-        tree = tree.get(key) if isinstance(tree, Mapping) else None
-    return tree if isinstance(tree, Mapping) else {}
-
-
-def value(tree: Tree, key: str) -> Any:
-    """Return the value of ``key``, or None where it is missing or already named as wrong."""
-    found = tree.get(key)
-    return None if found is INVALID else found
+def by_name(tables: Sequence[Any]) -> dict[str, Any]:
+    """Return an array of tables as tables by their names, or by their numbers, from 1, where a name is no key."""
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
+    keys = [name if name and names.count(name) == 1 else number for number, name in enumerate(names, 1)]
+    return {str(key): one for key, one in zip(keys, tables, strict=True)}
 
 
 def mistakes_between(tree: Tree) -> Iterator[Mistake]:
@@ -54,7 +44,7 @@ def mistakes_between(tree: Tree) -> Iterator[Mistake]:
     for name in table(tree, "parts"):
         yield from _body(tree, ("parts", name), table(tree, "parts", name))
     yield from _bend_radius(tree)
-    yield from _variables(tree)
+    yield from mistakes_of_variables(tree)
 
 
 def _names(tree: Tree) -> Iterator[Mistake]:
@@ -65,14 +55,20 @@ def _names(tree: Tree) -> Iterator[Mistake]:
                     (section, name[:LONGEST_NAME]),
                     f"found a longer name, expected {LONGEST_NAME} letters at most",
                 )
-            elif not name or name != name.strip() or not all(c.isalnum() or c in NAME_MARKS for c in name):
-                words = "expected a name of letters, digits, spaces, _ and -"
-                yield (section, name), f"found the name {shown(name)}, {words}"
+            elif why := _name_mistake(name):
+                yield (section, name), why
     if WORLD in table(tree, "bodies"):
         yield (
             ("bodies", WORLD),
             'found "world", expected another name: the world always exists and stands still',
         )
+
+
+def _name_mistake(name: str) -> str:
+    """Return what is wrong about a name; nothing of a good one."""
+    if not name or name != name.strip() or not all(c.isalnum() or c in NAME_MARKS for c in name):
+        return f"found the name {shown(name)}, expected a name of letters, digits, spaces, _ and -"
+    return ""
 
 
 def _body(tree: Tree, path: KeyPath, owner: Tree) -> Iterator[Mistake]:
@@ -92,16 +88,58 @@ def _cable(tree: Tree, name: str) -> Iterator[Mistake]:
     path, cable = ("cables", name), table(tree, "cables", name)
     if "density" in cable and "mass_per_length" in cable:
         yield (*path, "density"), "found mass_per_length as well, expected one of the two"
-    ends = {side: table(cable, side) for side in SIDES}
-    for side, end in ends.items():
-        yield from _body(tree, (*path, side), end)
-        yield from _holders(tree, (*path, side, "holders"), end)
-        yield from _choices((*path, side), end)
-    yield from _turns(path, ends)
-    given = all(isinstance(cable.get(side), Mapping) for side in SIDES)
-    if given and not any("position" in end for end in ends.values()):
+    ends, clips = {side: table(cable, side) for side in ENDS}, table(cable, "clips")
+    for where, end in (
+        *(((*path, side), end) for side, end in ends.items()),
+        *(((*path, "clips", clip), table(clips, clip)) for clip in clips),
+    ):
+        yield from _body(tree, where, end)
+        yield from _holders(tree, (*where, "holders"), end)
+        yield from _choices(where, end)
+    yield from _clips(path, cable)
+    yield from _turns(path, ends, clipped=bool(clips))
+    given = all(isinstance(cable.get(side), Mapping) for side in ENDS)
+    if given and not clips and not any("position" in end for end in ends.values()):
         words = "found no position at either end, expected one: the cable would fly away"
         yield (*path, "end", "position"), words
+
+
+def _clips(path: KeyPath, cable: Tree) -> Iterator[Mistake]:
+    """Check that the clips of a cable have names of their own and follow each other along it."""
+    clips, last, before = table(cable, "clips"), 0.0, "the start"
+    names = [value(table(clips, key), "name") for key in clips]
+    for key in clips:
+        clip, here = table(clips, key), (*path, "clips", key)
+        name, at = value(clip, "name"), value(clip, "at")
+        if name in NO_CLIP or names.count(name) > 1:
+            words = "a name of its own" if name not in NO_CLIP else f"another name than {', '.join(NO_CLIP)}"
+            yield (*here, "name"), f"found {shown(name)}, expected {words}"
+        elif isinstance(name, str) and (why := _name_mistake(name)):
+            yield (*here, "name"), why
+        yield from _held(here, clip)
+        if isinstance(at, (int, float)):
+            if not at > last:
+                yield (*here, "at"), f"found {shown(at)}, expected more than {last:g}, where {before} is"
+            last, before = max(last, at), f"clip {shown(name)}"
+    length = value(cable, "length")
+    if clips and isinstance(length, (int, float)) and not last < length:
+        yield (*path, "length"), f"found {shown(length)}, expected more than {last:g}, where its last clip is"
+
+
+def _held(path: KeyPath, clip: Tree) -> Iterator[Mistake]:
+    """Check that a clip holds the cable: its place and its section."""
+    for load in ("force", "moment"):
+        if load in clip:
+            yield (*path, load), f"found a {load} at a clip, expected a position and a tangent: it holds the cable"
+    if "position" not in clip:
+        yield (*path, "position"), "found nothing, expected [x, y, z], three numbers: where the clip stands"
+    if not any(given in clip for given in ORIENTATIONS):
+        yield (*path, "tangent"), "found nothing, expected [x, y, z], three numbers: the cable's direction there"
+    if value(clip, "roll") == "free":
+        yield (*path, "roll"), 'found "free" at a clip, expected "untwisted", or a roll that is given'
+    turns, untwisted = value(clip, "turns"), "tangent" in clip and "roll_deg" not in clip
+    if isinstance(turns, (int, float)) and turns != int(turns) and not untwisted:
+        yield (*path, "turns"), f"found {shown(turns)}, expected a whole number: the roll is given"
 
 
 def _holders(tree: Tree, path: KeyPath, end: Tree) -> Iterator[Mistake]:
@@ -136,7 +174,7 @@ def _choices(path: KeyPath, end: Tree) -> Iterator[Mistake]:
             yield (*path, "tangent"), f"found nothing, expected a tangent for {key} to turn about"
 
 
-def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
+def _turns(path: KeyPath, ends: Mapping[str, Tree], *, clipped: bool) -> Iterator[Mistake]:
     """Check that turns stand where they count, between ends that hold the cable, and are whole unless untwisted."""
     for own, end in ends.items():
         turns, key = value(end, "turns"), (*path, own, "turns")
@@ -148,6 +186,8 @@ def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
         elif not untwisted and turns != int(turns):
             yield key, f"found {shown(turns)}, expected a whole number: the roll is given"
         for side, other in ends.items():
+            if clipped and side != own:  # a clip holds the span there
+                continue
             if not any(name in other for name in ORIENTATIONS):
                 yield key, f"found {shown(turns)}, expected 0, as the {side} has neither quaternion nor tangent"
             elif value(other, "roll") == "free":
@@ -164,98 +204,6 @@ def _bend_radius(tree: Tree) -> Iterator[Mistake]:
     if limit is not None and thick is not None and limit < 0.5 * diameters[thick]:
         words = f"expected at least {0.5 * diameters[thick]:.6g}, half the diameter of cable {thick!r}"
         yield ("limits", "bend_radius"), f"found {shown(limit)}, {words}"
-
-
-# --- design --------------------------------------------------------------------------------------------
-
-
-def variables_of(cable: str) -> dict[str, tuple[str, str] | None]:
-    """Return the design variables of a cable by name: side and what it needs there; None for its length."""
-    names: dict[str, tuple[str, str] | None] = {f"{cable}.length": None}
-    for side in SIDES:
-        for axis in "xyz":
-            names[f"{cable}.{side}.position.{axis}"] = (side, "position")
-            names[f"{cable}.{side}.rotate_{axis}_deg"] = (side, "orientation")
-    return names
-
-
-def _variables(tree: Tree) -> Iterator[Mistake]:
-    if "cables" not in tree or tree["cables"] is INVALID:
-        return
-    known = {name: (cable, need) for cable in table(tree, "cables") for name, need in variables_of(cable).items()}
-    given = table(tree, "design", "variables")
-    for name, bounds in given.items():
-        path = ("design", "variables", name)
-        if isinstance(bounds, Mapping):
-            continue
-        if name not in known:
-            yield path, f"found an unknown variable, expected {_nearest_variable(known, name)}"
-            continue
-        cable, need = known[name]
-        if need is not None:
-            yield from _given(path, tree, cable, need)
-        if isinstance(bounds, str):
-            yield from _coupling(path, bounds, given)
-        elif bounds is not INVALID:
-            yield from _bounds(path, bounds, is_length=need is None)
-    yield from _preferences(tree, {name for name, bounds in given.items() if not isinstance(bounds, str)})
-
-
-def _coupling(path: KeyPath, text: str, given: Tree) -> Iterator[Mistake]:
-    """Check what follows another variable: one with bounds, in the same unit."""
-    found, name = coupling(text), path[-1]
-    free = [other for other, bounds in given.items() if not isinstance(bounds, str)]
-    if found is None:
-        words = (
-            'expected text such as "= lead.start.position.x", "= -lead.end.rotate_x_deg" or "= 2 * lead.length + 0.01"'
-        )
-        yield path, f"found {shown(text)}, {words}"
-    elif found[0] not in free:
-        yield path, f"found {shown(text)}, expected a variable with bounds: {one_of(free, found[0])}"
-    elif found[0].endswith("_deg") != name.endswith("_deg"):
-        yield path, f"found {shown(text)}, expected a variable in the same unit"
-    elif name.endswith(".length") and isinstance(given[found[0]], (list, tuple)):
-        least = min(found[1] * bound + found[2] for bound in given[found[0]])
-        if not least > 0:
-            yield path, f"found {shown(text)}, which may be {least:.6g}, expected a length above 0"
-
-
-def _preferences(tree: Tree, free: set[str]) -> Iterator[Mistake]:
-    """Check what a redesign prefers."""
-    design = table(tree, "design")
-    for name in table(design, "weights"):
-        if name not in free:
-            found = "found a weight of no variable with bounds"
-            yield ("design", "weights", name), f"{found}, expected {one_of(sorted(free), name) or 'variables first'}"
-    if "maximise" in design and "minimise" in design:
-        yield ("design", "maximise"), "found minimise as well, expected one of the two"
-
-
-def _nearest_variable(known: Mapping[str, Any], name: str) -> str:
-    """Return what to type in the place of ``name``; the whole list would fill the screen."""
-    forms = "CABLE.length, CABLE.start.position.x or CABLE.end.rotate_x_deg and the like"
-    nearest = one_of(known, name).partition("; ")[2]
-    return f"{forms}; {nearest}" if nearest else forms
-
-
-def _given(path: KeyPath, tree: Tree, cable: str, need: tuple[str, str]) -> Iterator[Mistake]:
-    """Check that the end which a variable moves or turns has what it changes."""
-    side, what = need
-    end = tree["cables"][cable].get(side) if isinstance(tree["cables"][cable], Mapping) else None
-    keys = ORIENTATIONS if what == "orientation" else ("position",)
-    if isinstance(end, Mapping) and not any(key in end for key in keys):
-        yield (
-            path,
-            f"found no {' or '.join(keys)} in cables.{cable}.{side}, expected one for the variable to change",
-        )
-
-
-def _bounds(path: KeyPath, bounds: Any, *, is_length: bool) -> Iterator[Mistake]:
-    lower, upper = bounds
-    if not lower < upper:
-        yield path, f"found {shown(bounds)}, expected [lower, upper] with the lower bound below the upper"
-    if is_length and not lower > 0:
-        yield path, f"found {shown(bounds)}, expected a lower bound above 0 for a length"
 
 
 # --- a Problem made in Python ---------------------------------------------------------------------------
@@ -347,7 +295,9 @@ def _tree(problem: Any) -> dict[str, Any]:
 
 
 def _run_table(run: CableRun) -> dict[str, Any]:
-    return {"diameter": run.cable.diameter, "start": _end_table(run.start), "end": _end_table(run.end)}
+    clips = by_name([_end_table(clip) for clip in run.clips])
+    ends = {"start": _end_table(run.start), "end": _end_table(run.end)}
+    return {"diameter": run.cable.diameter, "length": run.cable.length, **ends, **({"clips": clips} if clips else {})}
 
 
 def _end_table(end: End) -> dict[str, Any]:

@@ -90,6 +90,8 @@ class Cable:
 Roll = Literal["untwisted", "free"]
 ROLLS = get_args(Roll)
 Side = Literal["start", "end"]
+ENDS = ("start", "end")
+NO_CLIP = (*ENDS, "length")  # what no clip is called: their names stand beside these in design variables
 
 
 @dataclass(frozen=True)
@@ -238,6 +240,47 @@ def _tuple(q: Array) -> Quaternion:
     return found
 
 
+@dataclass(frozen=True, kw_only=True)
+class Clip(End):
+    """What holds a cable on its way: clamped there like an end, the cable going on beyond it.
+
+    Args:
+        name: of the clip, none other of the cable's.
+        at: arc length at which the cable is clipped, m.
+
+    Everything else is as of an :class:`End`. A clip that leaves its roll open is fitted untwisted, outward from the
+    start: the stretch that ends at it carries no twisting moment at ``fitted_at``.
+
+    Raises:
+        ProblemError: as :class:`End`; a name or place that cannot be; a force, a moment, a roll that is free: a clip
+            holds the cable.
+    """
+
+    name: str
+    at: float
+
+    def __post_init__(self) -> None:
+        found = checks.Gathered()
+        with found:
+            super().__post_init__()
+        with found:
+            object.__setattr__(self, "at", checks.positive("at", self.at))
+        if self.name in NO_CLIP:
+            found.told.append(f"name: found {self.name!r}, expected another than {', '.join(NO_CLIP)}")
+        for key in ("force", "moment"):
+            if getattr(self, key) is not None:
+                found.told.append(
+                    f"{key}: found it at a clip, expected a position and a tangent: a clip holds the cable"
+                )
+        if self.roll == "free":
+            found.told.append("roll: found 'free' at a clip, expected 'untwisted', or a roll that is given")
+        if self.position is None:
+            found.told.append("position: found nothing, expected where the clip stands")
+        if self.quaternion is None and self.tangent is None:
+            found.told.append("tangent: found nothing, expected a tangent or a quaternion")
+        found.raised()
+
+
 @dataclass(frozen=True)
 class CableRun:
     """A cable with what holds its two ends.
@@ -248,6 +291,11 @@ class CableRun:
         bow: world direction to which the cable bows between its ends in the starting shape; None leaves it to
             gravity, or to the clamps.
         fitted_at: motion value, 0 to 1, at which an untwisted end is clamped.
+        clips: what holds the cable on its way, in the order of their arc lengths.
+
+    Raises:
+        ProblemError: no position at either end; clips of one name, or whose arc lengths do not increase within the
+            cable.
     """
 
     cable: Cable
@@ -255,6 +303,7 @@ class CableRun:
     end: End
     bow: Vector | None = None
     fitted_at: float = 0.0
+    clips: tuple[Clip, ...] = ()
 
     def __post_init__(self) -> None:
         at = self.fitted_at
@@ -262,8 +311,21 @@ class CableRun:
             raise ProblemError(f"fitted_at: found {at!r}, expected a number from 0 to 1")
         if self.bow is not None:
             object.__setattr__(self, "bow", checks.direction("bow", self.bow))
-        if self.start.position is None and self.end.position is None:
+        object.__setattr__(self, "clips", tuple(self.clips))
+        if self.start.position is None and self.end.position is None and not self.clips:
             raise ProblemError("end.position: neither end has a position, so the cable would fly away")
+
+    @property
+    def clamps(self) -> dict[str, End]:
+        """What holds the cable, by name, along it: its start, the clips, its end."""
+        return {"start": self.start, **{clip.name: clip for clip in self.clips}, "end": self.end}
+
+    def with_clamp(self, name: str, clamp: End) -> CableRun:
+        """Return this run with ``clamp`` in the place of that called ``name``."""
+        if name in ENDS:
+            return dataclasses.replace(self, **{name: clamp})  # type: ignore[arg-type]
+        clips = tuple(clamp if clip.name == name else clip for clip in self.clips)
+        return dataclasses.replace(self, clips=clips)  # type: ignore[arg-type]
 
     @property
     def untwisted(self) -> Side | None:

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,12 +19,16 @@ from harness_opt.numerics import rotations
 KeyPath = tuple[str, ...]  # the keys that lead to a value
 Mistake = tuple[KeyPath, str]  # where, and "found ..., expected ..."
 
+Tree = Mapping[str, Any]  # nested tables, as a problem file has them
+INVALID = object()  # in the place of a value that is known to be wrong
+ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
+
 LONGEST_SHOWN = 60  # characters of a wrong value that a message repeats
 LARGEST = 1e100  # of any number, in any unit: squares and products of two or three must not overflow
 
 COUPLING = re.compile(
     r"\s*=\s*(?:(?P<factor>[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\*\s*|(?P<minus>-)\s*)?"
-    r"(?P<leader>.+?\.(?:length|(?:start|end)\.(?:position\.[xyz]|rotate_[xyz]_deg)))"
+    r"(?P<leader>.+?\.(?:length|at|position\.[xyz]|rotate_[xyz]_deg))"
     r"(?:\s*(?P<sign>[-+])\s*(?P<offset>[\d.]+(?:[eE][-+]?\d+)?))?\s*"
 )
 Vector = tuple[float, float, float]
@@ -99,6 +104,19 @@ def direction(name: str, value: ArrayLike) -> Vector:
     return vector  # type: ignore[return-value]
 
 
+def table(tree: Any, *path: str) -> Tree:
+    """Return the table at ``path``; an empty one where there is none."""
+    for key in path:
+        tree = tree.get(key) if isinstance(tree, Mapping) else None
+    return tree if isinstance(tree, Mapping) else {}
+
+
+def value(tree: Tree, key: str) -> Any:
+    """Return the value of ``key``, or None where it is missing or already named as wrong."""
+    found = tree.get(key)
+    return None if found is INVALID else found
+
+
 # --- how a mistake is told: the keys that lead to it, what was found, what is expected ----------------------
 
 
@@ -147,3 +165,27 @@ def coupling(text: str) -> tuple[str, float, float] | None:
     except ValueError:  # such as 1.2.3
         return None
     return (found["leader"], factor, offset) if max(abs(factor), abs(offset)) <= LARGEST else None
+
+
+# --- names of the transcriptions of the rod's equations, of the solvers, and of the interpolations between frames ----
+
+Transcription = Literal["collocation", "dqm"]
+SolverName = Literal["gauss-newton", "levenberg-marquardt", "ipopt", "paper"]
+Interpolation = Literal["exact", "linear"]
+
+TRANSCRIPTIONS: tuple[Transcription, ...] = get_args(Transcription)
+SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
+INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
+
+
+def check_method(transcription: str, solver: str) -> None:
+    """Refuse names that are not in TRANSCRIPTIONS and SOLVERS.
+
+    Raises:
+        ProblemError: there is no transcription or solver of that name.
+    """
+    if transcription not in TRANSCRIPTIONS:
+        expected = " or ".join(map(repr, TRANSCRIPTIONS))
+        raise ProblemError(f"transcription: found {transcription!r}, expected {expected}")
+    if solver not in SOLVERS:
+        raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")

@@ -19,8 +19,10 @@ class Limits:
         clearance: between the cable's surface and parts, other cables, itself, m.
         bend_radius: smallest radius of the centreline, m.
         twist: largest twist per length, rad/m.
-        clamp_force: N.
+        clamp_force: of the clamps at both ends of a cable, N.
         clamp_moment: N m.
+        clip_force: of every clip between them, N.
+        clip_moment: N m.
     """
 
     clearance: float | None = None
@@ -28,6 +30,8 @@ class Limits:
     twist: float | None = None
     clamp_force: float | None = None
     clamp_moment: float | None = None
+    clip_force: float | None = None
+    clip_moment: float | None = None
 
 
 @dataclass(frozen=True)

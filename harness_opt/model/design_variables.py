@@ -5,18 +5,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.model.cable import End
+from harness_opt.model.cable import ENDS, Clip, End, Side
 from harness_opt.model.design import Variable
 from harness_opt.model.problem import Problem
+from harness_opt.model.spans import Span, in_spans, spans_of
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
 AXES = ("x", "y", "z")
+TURNS = tuple(f"rotate_{axis}_deg" for axis in AXES)
 ALONG = 1e-9  # sine of the angle to the x axis, below which a tangent lies along it: as rotations.from_tangent
 
 
@@ -26,34 +28,36 @@ class Target:
 
     Args:
         cable: its name.
-        side: "start" or "end"; None for the length.
-        quantity: "length", "position" or "rotate".
-        axis: 0, 1 or 2; 0 for the length.
+        clamp: "start", "end", or the name of a clip; None for the length.
+        quantity: "length", "at" (the arc length at a clip), "position" or "rotate".
+        axis: 0, 1 or 2; 0 for arc lengths.
     """
 
     cable: str
-    side: Literal["start", "end"] | None
-    quantity: Literal["length", "position", "rotate"]
-    axis: int
+    clamp: str | None
+    quantity: Literal["length", "at", "position", "rotate"]
+    axis: int = 0
 
 
 def target(name: str) -> Target:
-    """Return what ``name`` stands for: ``CABLE.length``, ``CABLE.SIDE.position.x``, ``CABLE.SIDE.rotate_x_deg``.
+    """Return what ``name`` stands for.
+
+    ``CABLE.length``, ``CABLE.CLAMP.position.x`` and ``CABLE.CLAMP.rotate_x_deg``, the clamp "start", "end" or a clip,
+    ``CABLE.CLIP.at``. No name of a cable or a clip holds a dot.
 
     Raises:
         ProblemError: a name of another form.
     """
-    cable, _, rest = name.rpartition(".length")
-    if cable and not rest:
-        return Target(cable, None, "length", 0)
-    for side in ("start", "end"):
-        for axis, letter in enumerate(AXES):
-            for quantity, ending in (
-                ("position", f".{side}.position.{letter}"),
-                ("rotate", f".{side}.rotate_{letter}_deg"),
-            ):
-                if name.endswith(ending) and len(name) > len(ending):
-                    return Target(name[: -len(ending)], side, quantity, axis)  # type: ignore[arg-type]
+    cable, *rest = name.split(".")
+    match rest:
+        case ["length"]:
+            return Target(cable, None, "length")
+        case [clamp, "at"]:
+            return Target(cable, clamp, "at")
+        case [clamp, "position", letter] if letter in AXES:
+            return Target(cable, clamp, "position", AXES.index(letter))
+        case [clamp, turn] if turn in TURNS:
+            return Target(cable, clamp, "rotate", TURNS.index(turn))
     raise ProblemError(
         f"design.variables.{name}: found no such quantity, expected CABLE.length, CABLE.start.position.x or "
         "CABLE.end.rotate_x_deg and the like"
@@ -65,7 +69,9 @@ def names(problem: Problem) -> list[str]:
     found = []
     for cable, run in problem.cables.items():
         found.append(f"{cable}.length")
-        for side, end in (("start", run.start), ("end", run.end)):
+        for side, end in run.clamps.items():
+            if isinstance(end, Clip):
+                found.append(f"{cable}.{side}.at")
             if end.position is not None:
                 found += [f"{cable}.{side}.position.{axis}" for axis in AXES]
             if end.frame is not None:
@@ -79,9 +85,10 @@ def value(problem: Problem, name: str) -> float:
     run = problem.cables[what.cable]
     if what.quantity == "rotate":
         return 0.0
-    if what.side is None:
+    if what.clamp is None:
         return run.cable.length
-    return float(getattr(run, what.side).position[what.axis])
+    clamp: Any = run.clamps[what.clamp]
+    return float(clamp.at if what.quantity == "at" else clamp.position[what.axis])
 
 
 def values(problem: Problem) -> Array:
@@ -147,22 +154,35 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
     for name, number in zip(names, (matrix @ np.asarray(design, dtype=float) + offset).tolist(), strict=True):
         what = target(name)
         run = runs[what.cable]
-        if what.side is None:
+        if what.clamp is None:
             runs[what.cable] = dataclasses.replace(run, cable=dataclasses.replace(run.cable, length=number))
+            continue
+        clamp = run.clamps[what.clamp]
+        if what.quantity == "at":
+            runs[what.cable] = run.with_clamp(what.clamp, dataclasses.replace(clamp, at=number))  # type: ignore[call-arg]
         elif what.quantity == "position":
-            end: End = getattr(run, what.side)
-            position = list(end.position)  # type: ignore[arg-type]
+            position = list(clamp.position)  # type: ignore[arg-type]
             position[what.axis] = number
-            runs[what.cable] = dataclasses.replace(
-                run,
-                **{what.side: dataclasses.replace(end, position=tuple(position))},  # type: ignore[arg-type]
-            )
+            moved = dataclasses.replace(clamp, position=tuple(position))  # type: ignore[arg-type]
+            runs[what.cable] = run.with_clamp(what.clamp, moved)
         else:
-            turns.setdefault((what.cable, what.side), {})[what.axis] = number
-    for (cable, side), angles in turns.items():
-        end = _turned(getattr(runs[cable], side), angles)
-        runs[cable] = dataclasses.replace(runs[cable], **{side: end})  # type: ignore[arg-type]
-    return problem.changed(cables=runs)
+            turns.setdefault((what.cable, what.clamp), {})[what.axis] = number
+    for (cable, name), angles in turns.items():
+        runs[cable] = runs[cable].with_clamp(name, _turned(runs[cable].clamps[name], angles))
+    changed: Problem = problem.changed(cables=runs)
+    if wrong := misplaced(changed):
+        raise ProblemError(wrong)
+    return changed
+
+
+def misplaced(problem: Problem) -> list[str]:
+    """Return where clips do not follow each other along their cables, a line each."""
+    return [
+        f"cables.{span.cable}: found {span.clamps[1]} at {span.last:g} m, expected it behind {span.clamps[0]}, at "
+        f"{span.first:g} m"
+        for span in spans_of(problem).values()
+        if not span.last > span.first
+    ]
 
 
 def _turned(end: End, angles: dict[int, float]) -> End:
@@ -226,50 +246,53 @@ class ClampRates:
     fitted: ClampRates | None = None
 
 
-def clamp_rates(problem: Problem, cable: str, design: Array, motion: Array) -> ClampRates:
-    """Return the rates of the clamps of ``cable`` with respect to all k design variables at ``design`` (k,).
+def clamp_rates(problem: Problem, name: str, design: Array, motion: Array) -> ClampRates:
+    """Return the rates of the clamps of a span with respect to all k design variables at ``design`` (k,).
 
     Args:
         problem: the problem before :func:`apply`.
-        cable: name.
+        name: of the span, in :func:`~harness_opt.model.spans.spans_of`; of a cable without clips, its own.
         design: present values.
         motion: (P,) of the frames.
     """
-    run = problem.cables[cable]
-    rates = _rates(problem, cable, design, motion, as_fitted=False)
+    span, run = spans_of(problem)[name], in_spans(problem).cables[name]
+    rates = _rates(problem, span, design, motion, as_fitted=False)
     if run.untwisted is None:
         return rates
-    there = _rates(problem, cable, design, np.array([run.fitted_at]), as_fitted=True)
+    there = _rates(problem, span, design, np.array([run.fitted_at]), as_fitted=True)
     return dataclasses.replace(rates, fitted=there)
 
 
-def _rates(problem: Problem, cable: str, design: Array, motion: Array, *, as_fitted: bool) -> ClampRates:
+def _rates(problem: Problem, span: Span, design: Array, motion: Array, *, as_fitted: bool) -> ClampRates:
     """Return :func:`clamp_rates` without those of the fit, or, ``as_fitted``, of the ends before they are turned on."""
     names, matrix, offset = _linear(problem)
     place = dict(zip(names, matrix @ np.asarray(design, dtype=float) + offset, strict=True))
-    count, run = len(names), problem.cables[cable]
+    count, run = len(names), in_spans(problem).cables[span.name]
     targets = [target(name) for name in names]
     angles: dict[str, dict[int, float]] = {"start": {}, "end": {}}
+    sides: dict[str | None, Side] = dict(zip(span.clamps, ENDS, strict=True))  # type: ignore[arg-type]
     for name, what in zip(names, targets, strict=True):
-        if what.cable == cable and what.side is not None and what.quantity == "rotate":
-            angles[what.side][what.axis] = float(place[name])
-    moves = {side: np.zeros((len(motion), 3, count)) for side in ("start", "end")}
-    turn = {side: np.zeros((3, count)) for side in ("start", "end")}
+        if what.cable == span.cable and what.clamp in sides and what.quantity == "rotate":
+            angles[sides[what.clamp]][what.axis] = float(place[name])
+    moves = {side: np.zeros((len(motion), 3, count)) for side in ENDS}
+    turn = {side: np.zeros((3, count)) for side in ENDS}
     length = np.zeros(count)
     for j, what in enumerate(targets):
-        if what.cable != cable:
+        if what.cable != span.cable:
             continue
-        if what.side is None:
-            length[j] = 1.0
+        side = sides.get("end" if what.quantity == "length" else what.clamp)
+        if side is None:
+            continue
+        end = problem.cables[span.cable].clamps[span.clamps[ENDS.index(side)]]
+        if what.quantity in ("length", "at"):
+            length[j] = 1.0 if side == "end" else -1.0
         elif what.quantity == "position":
-            quaternions = problem.poses(getattr(run, what.side).body, motion)[1]
-            moves[what.side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
+            quaternions = problem.poses(end.body, motion)[1]
+            moves[side][:, :, j] = rotations.matrix(quaternions)[:, :, what.axis]
+        elif end.roll == "untwisted":
+            turn[side][:, j] = _untwisted_rates(end, what.axis, angles[side], as_fitted, side == run.untwisted)
         else:
-            end, which = getattr(run, what.side), (what.axis, angles[what.side])
-            if end.roll == "untwisted":
-                turn[what.side][:, j] = _untwisted_rates(end, *which, as_fitted, what.side == run.untwisted)
-            else:
-                turn[what.side][:, j] = _given_rates(end, *which)
+            turn[side][:, j] = _given_rates(end, what.axis, angles[side])
     return ClampRates(
         moves["start"] @ matrix,
         moves["end"] @ matrix,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from harness_opt.model.limits import CABLE_KINDS, LimitId, LimitKind, Obstacle, quoted
+from harness_opt.model.limits import CABLE_KINDS, CLIP_LOADS, LimitId, LimitKind, Obstacle, quoted
 from harness_opt.model.problem import Problem
 
 
@@ -56,6 +56,12 @@ def limit_keys(problem: Problem) -> tuple[LimitKey, ...]:
         limit = getattr(limits, kind.value)
         if limit is not None:
             found.append(LimitKey(kind, None, limit, frozenset(LimitId(kind, cable) for cable in problem.cables)))
+    clips = [(cable, clip.name) for cable, run in problem.cables.items() for clip in run.clips]
+    for kind in CLIP_LOADS:
+        limit = getattr(limits, kind.value)
+        if limit is not None and clips:
+            own = frozenset(LimitId(kind, cable, clip=clip) for cable, clip in clips)
+            found.append(LimitKey(kind, None, limit, own))
     clearance = LimitKind.CLEARANCE
     shared = {LimitId(clearance, a, Obstacle(b, is_cable=True)) for a in problem.cables for b in problem.cables}
     for part, solid in problem.parts.items():

@@ -44,6 +44,8 @@ class LimitKind(enum.Enum):
     TWIST = "twist"
     CLAMP_FORCE = "clamp_force"
     CLAMP_MOMENT = "clamp_moment"
+    CLIP_FORCE = "clip_force"
+    CLIP_MOMENT = "clip_moment"
 
     @property
     def key(self) -> str:
@@ -86,9 +88,14 @@ UNITS = {
     LimitKind.TWIST: Unit("deg/m", 1.0, 0, 10.0),
     LimitKind.CLAMP_FORCE: Unit("N", 1.0, 2, 0.1),
     LimitKind.CLAMP_MOMENT: Unit("N m", 1.0, 3, 0.01),
+    LimitKind.CLIP_FORCE: Unit("N", 1.0, 2, 0.1),
+    LimitKind.CLIP_MOMENT: Unit("N m", 1.0, 3, 0.01),
 }
 KIND_OF_KEY = {kind.key: kind for kind in LimitKind}
-CABLE_KINDS = tuple(kind for kind in LimitKind if kind is not LimitKind.CLEARANCE)  # limits of a cable alone
+CLAMP_LOADS = (LimitKind.CLAMP_FORCE, LimitKind.CLAMP_MOMENT)  # at the two ends of a cable
+CLIP_LOADS = (LimitKind.CLIP_FORCE, LimitKind.CLIP_MOMENT)  # of every clip on its way
+CABLE_KINDS = (LimitKind.BEND_RADIUS, LimitKind.TWIST, *CLAMP_LOADS)  # limits of a cable alone
+FORCES = (LimitKind.CLAMP_FORCE, LimitKind.CLIP_FORCE)
 
 
 @dataclass(frozen=True)
@@ -117,29 +124,34 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class LimitId:
-    """Which limit: its kind, the cable, and the obstacle of a clearance.
+    """Which limit: its kind, the cable, and the obstacle of a clearance, or the clip.
 
     Args:
         kind: of the limit.
         cable: its name.
         obstacle: of a clearance; None for the other kinds.
+        clip: name of the clip whose load is limited; None for the other kinds.
     """
 
     kind: LimitKind
     cable: str
     obstacle: Obstacle | None = None
+    clip: str | None = None
 
     @property
     def words(self) -> str:
         """What people call it: ``clearance of lead to bracket``."""
         against = "" if self.obstacle is None else f" to {self.obstacle.words(self.cable)}"
-        return f"{self.kind.words} of {spoken(self.cable)}{against}"
+        at = "" if self.clip is None else f" at {spoken(self.clip)}"
+        return f"{self.kind.words} of {spoken(self.cable)}{against}{at}"
 
     def __str__(self) -> str:
         """Return the name in tables and results, unique in a problem: ``clearance.lead.bracket``."""
         names = [self.kind.key, quoted(self.cable)]
         if self.obstacle is not None:
             names.append(f"{'cable:' if self.obstacle.is_cable else ''}{quoted(self.obstacle.name)}")
+        if self.clip is not None:
+            names.append(quoted(self.clip))
         return ".".join(names)
 
 

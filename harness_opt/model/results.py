@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,11 +16,13 @@ import numpy as np
 
 from harness_opt.errors import Status
 from harness_opt.model.limits import LimitId
-from harness_opt.model.problem import Problem, held_as
+from harness_opt.model.problem import Problem, held_as, left_out
+from harness_opt.model.spans import Span, carried, has_clips, in_spans, spans_of
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 
+ALONG = ("position", "quaternion", "curvature", "force", "moment")  # what is known at stations
 STATIONS = 101  # equally spaced along the cable; more where a shape turns sharply
 
 
@@ -83,6 +86,19 @@ class CableMotion(Quantities):
     estimated_error: Array
     mesh: Array = field(default_factory=lambda: np.linspace(0.0, 1.0, 9))
 
+    @property
+    def clip_stations(self) -> list[int]:
+        """The first of the two stations at each clip, along the cable."""
+        found: list[int] = np.flatnonzero(np.diff(self.s) == 0.0).tolist()
+        return found
+
+    @property
+    def line(self) -> CableMotion:
+        """The shapes with one station at each clip: as a line has them, for drawing."""
+        once = np.delete(np.arange(len(self.s)), self.clip_stations)
+        along = {name: getattr(self, name)[:, once] for name in ALONG}
+        return dataclasses.replace(self, s=self.s[once], **along)
+
     def frames(self, which: slice) -> CableMotion:
         """Return the frames that ``which`` names alone."""
         cut = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("s", "mesh")}
@@ -117,12 +133,14 @@ class Snap:
         frame: the one that first shows the new shape.
         motion: value, 0 to 1.
         passes_through_itself: whether the cable has other turns after it: it would have to go through itself.
+        span: name of the span that jumps, where cables have clips; else empty.
     """
 
     cable: str
     frame: int
     motion: float
     passes_through_itself: bool = False
+    span: str = ""
 
 
 Holds = Literal["yes", "no", "uncertain"]
@@ -248,3 +266,121 @@ class Motion:
     def held(self, cable: str) -> Problem:
         """Return the problem with the rolls at which ``cable`` was clamped, as its shapes have them."""
         return held_as(self.problem, cable, float(self.motion[0]), list(self.cables[cable].quaternion[0, [0, -1]]))
+
+
+# --- whole cables and their spans -----------------------------------------------------------------------------------
+#
+# Along a whole cable every clip has two stations at one arc length, the last of the span before it and the first of the
+# span behind it: force and moment jump there by what the clip applies.
+
+
+def split(motion: Motion) -> Motion:
+    """Return a motion of whole cables as that of their spans; itself where no cable has clips."""
+    if not has_clips(motion.problem):
+        return motion
+    spans, problem, cables = spans_of(motion.problem), in_spans(motion.problem), {}
+    for cable, shapes in motion.cables.items():
+        own = [span for span in spans.values() if span.cable == cable]
+        for span, piece in zip(own, _pieces(shapes, own), strict=True):
+            cables[span.name] = piece
+            if len(motion.motion):
+                problem = carried(problem, spans, span.name, float(motion.motion[0]), piece.quaternion[0, -1])
+    snaps = [dataclasses.replace(snap, cable=snap.span or snap.cable) for snap in motion.snaps]
+    through = [span.name for span in spans.values() if span.cable in motion.begun_through_themselves]
+    return dataclasses.replace(
+        motion, problem=problem, cables=cables, snaps=tuple(snaps), begun_through_themselves=tuple(through)
+    )
+
+
+def joined(problem: Problem, motion: Motion) -> Motion:
+    """Return the motion of the spans of ``problem`` as that of its whole cables; itself where no cable has clips.
+
+    A cable of which a span was not solved at all is left out, as one that was not solved is.
+    """
+    if not has_clips(problem):
+        return motion
+    spans, cables = spans_of(problem), {}
+    for cable in problem.cables:
+        own = [span for span in spans.values() if span.cable == cable]
+        if all(span.name in motion.cables for span in own):
+            cables[cable] = _whole([motion.cables[span.name] for span in own], own)
+    snaps = [dataclasses.replace(snap, cable=spans[snap.cable].cable, span=snap.cable) for snap in motion.snaps]
+    through = dict.fromkeys(spans[name].cable for name in motion.begun_through_themselves)
+    return dataclasses.replace(
+        motion,
+        problem=problem,
+        cables=cables,
+        snaps=tuple(snaps),
+        begun_through_themselves=tuple(through),
+        left_out=left_out(problem),
+    )
+
+
+def _whole(pieces: Sequence[CableMotion], spans: Sequence[Span]) -> CableMotion:
+    """Return the shapes of a whole cable from those of its spans."""
+    if len(pieces) == 1:
+        return pieces[0]
+    length = spans[-1].last
+    along = {name: np.concatenate([getattr(piece, name) for piece in pieces], axis=1) for name in ALONG}
+    places = [np.append(span.first + piece.s[:-1], span.last) for span, piece in zip(spans, pieces, strict=True)]
+    meshes = [span.first + piece.mesh * (span.last - span.first) for span, piece in zip(spans, pieces, strict=True)]
+    # errors are in lengths of the span
+    errors = [p.estimated_error * (span.last - span.first) / length for span, p in zip(spans, pieces, strict=True)]
+    return CableMotion(
+        s=np.concatenate(places),
+        **along,
+        stable=np.all([piece.stable for piece in pieces], axis=0),
+        stability_margin=np.min([piece.stability_margin for piece in pieces], axis=0),
+        residual=np.max([piece.residual for piece in pieces], axis=0),
+        estimated_error=np.max(errors, axis=0),
+        mesh=np.concatenate(meshes) / length,
+    )
+
+
+def _pieces(shapes: CableMotion, spans: Sequence[Span]) -> list[CableMotion]:
+    """Return the shapes of the spans of a cable from those of the whole; what is known of all holds for each."""
+    if len(spans) == 1:
+        return [shapes]
+    length, found = spans[-1].last, []
+    stations, nodes = _cuts(shapes.s), _cuts(shapes.mesh)
+    for span, own, mesh in zip(spans, stations, nodes, strict=True):
+        long = span.last - span.first
+        along = {name: getattr(shapes, name)[:, own] for name in ALONG}
+        s = np.concatenate([[0.0], shapes.s[own][1:-1] - span.first, [long]])
+        inner = (shapes.mesh[mesh][1:-1] * length - span.first) / long
+        found.append(
+            dataclasses.replace(
+                shapes,
+                s=s,
+                **along,
+                estimated_error=shapes.estimated_error * length / long,
+                mesh=np.concatenate([[0.0], inner, [1.0]]),
+            )
+        )
+    return found
+
+
+def _cuts(places: Array) -> list[slice]:
+    """Return the stretches between two equal neighbours in increasing ``places`` (n,)."""
+    ends = [0, *(np.flatnonzero(np.diff(places) == 0.0) + 1).tolist(), len(places)]
+    return [slice(a, b) for a, b in itertools.pairwise(ends)]
+
+
+def at_clip(before: Quantities, behind: Quantities) -> Quantities:
+    """Return the two stations at a clip, with what it applies to the cable as their force, N, and moment, N m, world.
+
+    It is what force and moment inside the cable lose there: the span behind pulls on the one before, and the clip makes
+    up the difference.
+
+    Args:
+        before, behind: the spans that meet at the clip.
+    """
+    ends = {
+        name: np.stack([getattr(before, name)[..., -1, :], getattr(behind, name)[..., 0, :]], axis=-2)
+        for name in ("position", "quaternion", "curvature")
+    }
+    loads = {
+        name: np.repeat(getattr(before, name)[..., -1:, :] - getattr(behind, name)[..., :1, :], 2, axis=-2)
+        for name in ("force", "moment")
+    }
+    return Quantities(s=np.zeros(2), **ends, **loads)

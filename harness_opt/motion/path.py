@@ -42,7 +42,7 @@ def place_frames(problem: Problem, spatial_step: float | None = None) -> Array:
     grid = np.linspace(0.0, 1.0, path_samples)
     increments = np.zeros(path_samples - 1)
     for run in problem.cables.values():
-        for end in (run.start, run.end):
+        for end in run.clamps.values():
             position, quaternion = problem.poses(end.body, grid)
             if end.position is not None:
                 position = position + rotations.rotate(quaternion, end.position)

@@ -32,8 +32,9 @@ from numpy.typing import NDArray
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import checks
 from harness_opt.model.cable import End
-from harness_opt.model.methods import INTERPOLATIONS, Interpolation
-from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.checks import INTERPOLATIONS, Interpolation
+from harness_opt.model.results import CableMotion, Motion, split
+from harness_opt.model.spans import spans_of
 from harness_opt.motion.paper_data import Profile, solved
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -105,7 +106,14 @@ def between(motion: Motion, cable: str, values: Array, interpolation: str) -> tu
     if interpolation not in INTERPOLATIONS:
         expected = " or ".join(map(repr, INTERPOLATIONS))
         raise ProblemError(f"interpolation: found {interpolation!r}, expected {expected}")
-    lead = solved(motion, cable)
+    solved(motion, cable)
+    if motion.problem.cables[cable].clips:
+        apart = split(motion)
+        own = [span.name for span in spans_of(motion.problem).values() if span.cable == cable]
+        pieces = [between(apart, name, values, interpolation) for name in own]
+        position, rotation = (np.concatenate(several, axis=1) for several in zip(*pieces, strict=True))
+        return position, rotation
+    lead = motion.cables[cable]
     blocks = []
     for first in range(0, len(values), moments_at_once):
         block = values[first : first + moments_at_once]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.model.cable import CableRun
-from harness_opt.model.methods import INTERPOLATIONS
+from harness_opt.model.checks import INTERPOLATIONS
 from harness_opt.model.results import Motion
 from harness_opt.motion.paper_data import solved
 from harness_opt.motion.playback import AT_FRAME, between, moments

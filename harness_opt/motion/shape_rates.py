@@ -6,11 +6,16 @@ each design variable, whatever the number of limits (Griewank and Walther, "Eval
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.model.design_variables import ClampRates
+from harness_opt.model.cable import Clip
+from harness_opt.model.design_variables import ClampRates, clamp_rates
+from harness_opt.model.problem import Problem
+from harness_opt.model.spans import spans_of
 from harness_opt.motion.sweep import Sweep
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -54,7 +59,30 @@ class _NodeRates:
     unknowns: Array
 
 
-def _held_turns(swept: Sweep, clamps: ClampRates) -> tuple[Array, Array]:
+def clamps_of_spans(
+    problem: Problem, design: Array, motion: Array, sweeps: Mapping[str, Sweep]
+) -> dict[str, ClampRates]:
+    """Return how the clamps of all spans move with the design, the rolls that clips were fitted in carried on.
+
+    Args:
+        problem: of whole cables, before the design is applied.
+        design: values of the k variables.
+        motion: (P,) of the frames.
+        sweeps: by span.
+    """
+    found, before = {}, None
+    for name, span in spans_of(problem).items():
+        clamps = clamp_rates(problem, name, design, motion)
+        clip = problem.cables[span.cable].clamps[span.clamps[0]]
+        if isinstance(clip, Clip) and clip.roll == "untwisted" and before is not None:
+            turn = held_turns(sweeps[before], found[before])[1]
+            fitted = None if clamps.fitted is None else dataclasses.replace(clamps.fitted, start_turn=turn)
+            clamps = dataclasses.replace(clamps, start_turn=turn, fitted=fitted)
+        found[name], before = clamps, name
+    return found
+
+
+def held_turns(swept: Sweep, clamps: ClampRates) -> tuple[Array, Array]:
     """Return the rates of the frames that the ends are held in, each (3, k), with those of a roll that was fitted.
 
     The fit is an equilibrium like any other: its unknowns follow the design by the same formula, and with them the
@@ -89,7 +117,7 @@ def _node_rates(swept: Sweep, clamps: ClampRates, exact: bool) -> _NodeRates:
     # f L^3 / B and omega_rest L grow with the length
     rest = np.outer(first.section.rest_curvature, longer)
     load = np.outer(first.load, 3.0 * longer)
-    start_turn, end_turn = _held_turns(swept, clamps)
+    start_turn, end_turn = held_turns(swept, clamps)
     q, r, force, moment, unknowns = [], [], [], [], []
     for k, frame in enumerate(swept.frames):
         bound, x = frame.bound, frame.solution.x

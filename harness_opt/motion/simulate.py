@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError, SolveError, Status
-from harness_opt.model.methods import check_method
+from harness_opt.model.checks import check_method
 from harness_opt.model.problem import Problem, given_problem, left_out
-from harness_opt.model.reach import too_short
-from harness_opt.model.results import Followed, Motion, Snap
+from harness_opt.model.results import Followed, Motion, Snap, joined
+from harness_opt.model.spans import carried, in_spans, spans_of, too_short
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.paper_sweep import sweep_by_quadrature
 from harness_opt.motion.path import given_frames, place_frames
@@ -54,8 +54,8 @@ def simulate(  # noqa: PLR0913
         solver: name, as in :func:`harness_opt.equilibrium`.
         transcription: "collocation", or "dqm": the paper's own, each profile from the one before.
         points, closure: of "dqm", as in :func:`harness_opt.equilibrium`.
-        first: shapes of the first frame, by cable, such as one of :func:`harness_opt.equilibria`; the others are
-            found from their clamps alone.
+        first: shapes of the first frame, by cable, such as one of :func:`harness_opt.equilibria`; the others, and
+            cables with clips, are found from their clamps alone.
         progress: called with a cable's name, frames done, frames in all; where it raises KeyboardInterrupt, the motion
             ends there, with the status INTERRUPTED.
         throw: raise where a shape cannot be found, or return the motion solved until there.
@@ -72,20 +72,23 @@ def simulate(  # noqa: PLR0913
         raise ProblemError(short.values())
     begin = time.perf_counter()
     motion = place_frames(problem, spatial_step) if frames is None else given_frames(frames, spatial_step)
-    begins = _first_shapes(problem, first)
+    begins, spans, apart = _first_shapes(problem, first), spans_of(problem), in_spans(problem)
     cables: dict[str, Followed] = {}
-    for name in problem.cables:
+    for name in spans:
         if transcription == "dqm":
-            cables[name] = sweep_by_quadrature(problem, name, motion, options, begins.get(name), progress)
+            found = sweep_by_quadrature(apart, name, motion, options, begins.get(name), progress)
         else:
             swept = sweep(
-                problem, name, motion, tolerance=tolerance, solver=solver, elements=elements, first=begins.get(name),
+                apart, name, motion, tolerance=tolerance, solver=solver, elements=elements, first=begins.get(name),
                 progress=progress,
             )  # fmt: skip
-            cables[name] = followed(swept)
-        if cables[name].status is Status.INTERRUPTED:
+            found = followed(swept)
+        cables[name] = found
+        if found.status is Status.INTERRUPTED:
             break
-    result = collect(problem, motion, cables, time.perf_counter() - begin)
+        if found.shapes is not None:
+            apart = carried(apart, spans, name, float(motion[0]), found.shapes.quaternion[0, -1])
+    result = joined(problem, collect(apart, motion, cables, time.perf_counter() - begin))
     if throw and not result.ok:
         raise SolveError(result.message, result.status, result)
     return result
@@ -98,8 +101,9 @@ def _first_shapes(problem: Problem, first: Mapping[str, Shape] | None) -> dict[s
         ProblemError: a shape of no cable of the problem, or one that was not found itself.
     """
     given = dict(first or {})
-    known = ", ".join(problem.cables)
-    mistakes = [f"first: found {name!r}, expected one of {known}" for name in given if name not in problem.cables]
+    whole = [name for name, run in problem.cables.items() if not run.clips]
+    known = ", ".join(whole) or "the cables without clips"
+    mistakes = [f"first: found {name!r}, expected one of {known}" for name in given if name not in whole]
     mistakes += [
         f"first.{name}: found no shape ({shape.status.value}), expected a solved one"
         for name, shape in given.items()

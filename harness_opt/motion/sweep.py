@@ -15,6 +15,7 @@ from harness_opt.errors import Status
 from harness_opt.model.cable import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities, cubic_errors
+from harness_opt.model.spans import carried, in_spans, spans_of
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import CableFollower, Progress
@@ -148,6 +149,25 @@ def sweep(  # noqa: PLR0913
         frames, origins, units, cable.diameter, answer, errors, tuple(follower.snaps), status, message, cases.fitted,
         follower.begins_through_itself,
     )  # fmt: skip
+
+
+def in_turn(problem: Problem, at: float, follow: Callable[[Problem, str], Sweep]) -> tuple[Problem, dict[str, Sweep]]:
+    """Follow the spans of all cables one after the other: what rolls clips are fitted in, the spans behind them hold.
+
+    Args:
+        problem: of whole cables.
+        at: motion value of the first frame.
+        follow: one span of the problem of spans, by name.
+
+    Returns:
+        The problem of spans with these rolls, and what was followed, by span.
+    """
+    spans, apart, swept = spans_of(problem), in_spans(problem), dict[str, Sweep]()
+    for name in spans:
+        swept[name] = follow(apart, name)
+        if len(swept[name].frames):
+            apart = carried(apart, spans, name, at, swept[name].frames[0].rod.q[-1])
+    return apart, swept
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:

@@ -14,6 +14,7 @@ from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.centreline import Curve
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.model.cable import CableRun
 from harness_opt.model.parts import Box, Capsule, Cylinder
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.numerics import rotations
@@ -31,7 +32,6 @@ POINTS = 241  # along a drawn cable, so that colours change where they should
 FEATURE_ANGLE = 30.0  # degrees between faces from which an edge is drawn
 
 TUBE: dict[str, Any] = {"ambient": 0.12, "specular": 0.25, "render": False}
-ENDS = {"start": 0, "end": -1}  # of a cable, and their stations
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +145,11 @@ def solid(part: Geometry) -> pv.PolyData:
         cell_normals=False, split_vertices=True, feature_angle=FEATURE_ANGLE, consistent_normals=False
     )
     return found
+
+
+def clamped(run: CableRun, shapes: CableMotion) -> dict[str, int]:
+    """Return the stations at the clamps and clips of a cable, by name, along it."""
+    return dict(zip(run.clamps, (0, *shapes.clip_stations, len(shapes.s) - 1), strict=True))
 
 
 def tube(points: Array, colours: Array | None, radius: float) -> pv.PolyData:

@@ -45,7 +45,7 @@ def _pairs(
     for layer in layers:
         yield from ((0, "LAYER"), (2, layer), (70, 0), (62, COLOUR), (6, "CONTINUOUS"))
     yield from ((0, "ENDTAB"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES"))
-    for layer, positions in zip(layers, motion.cables[name].position, strict=True):
+    for layer, positions in zip(layers, motion.cables[name].line.position, strict=True):
         yield from ((0, "POLYLINE"), (8, layer), (66, 1), (70, OPEN_3D), (10, 0.0), (20, 0.0), (30, 0.0))
         for x, y, z in (factor * positions).tolist():
             yield from ((0, "VERTEX"), (8, layer), (10, x), (20, y), (30, z), (70, VERTEX_3D))

@@ -111,7 +111,7 @@ def gltf(motion: Motion, scene: Scene) -> bytes:
     for number, (name, shapes) in enumerate(motion.cables.items()):
         radius = motion.problem.cables[name].cable.radius
         material = writer.material(name, CABLES[number % len(CABLES)])
-        joints, skinned = _cable(writer, name, shapes, radius, material, times)
+        joints, skinned = _cable(writer, name, shapes.line, radius, material, times)
         children += joints
         tops.append(skinned)
     writer.tree["scenes"] = [{"name": motion.problem.title or "motion", "nodes": tops}]

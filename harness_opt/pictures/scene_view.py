@@ -12,12 +12,12 @@ from harness_opt.model.problem import Moments
 from harness_opt.model.results import Motion
 from harness_opt.parts.scene import Scene
 from harness_opt.pictures.drawing import (
-    ENDS,
     POINTS,
     TUBE,
     DrawnFrame,
     add_cable,
     add_solid,
+    clamped,
     curve_of,
     look,
     placement,
@@ -70,7 +70,7 @@ class SceneView:
             add_solid(plotter, f"part:{name}", meshes[name], *look(self.drawn(0), part))
         for name in motion.cables:
             size = TRIAD * motion.problem.cables[name].cable.diameter
-            for end in ENDS:
+            for end in motion.problem.cables[name].clamps:
                 actor = plotter.add_mesh(_triad(size), name=f"clamp:{name}:{end}", scalars="colour", rgb=True)
                 actor.prop.lighting = False
         self._add_ghosts(meshes)
@@ -107,7 +107,7 @@ class SceneView:
                 drawn = tube(points, colours(name, frame, s, points), self.motion.problem.cables[name].cable.radius)
                 style: dict[str, Any] = {"scalars": "colour", "rgb": True, "reset_camera": False}
                 self.plotter.add_mesh(drawn, name=f"cable:{name}", **style, **TUBE)
-            for end, station in ENDS.items():
+            for end, station in clamped(self.motion.problem.cables[name], shapes).items():
                 actor = actors[f"clamp:{name}:{end}"]
                 actor.user_matrix = placement(shapes.position[frame, station], shapes.quaternion[frame, station])
                 actor.visibility = frames
@@ -143,7 +143,7 @@ class SceneView:
         for number in EXTREMES:
             frame = number % len(self.motion.motion)
             for name, shapes in self.motion.cables.items():
-                faint = tube(shapes.position[frame], None, problem.cables[name].cable.radius)
+                faint = tube(shapes.line.position[frame], None, problem.cables[name].cable.radius)
                 style: dict[str, Any] = {"color": shown.colours[name], "opacity": 0.22, "render": False}
                 self.plotter.add_mesh(faint, name=f"ghost cable:{name}:{frame}", **style)
             for name, part in self.scene.parts.items():

@@ -22,13 +22,13 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.pictures.camera import TANGENT, TITLE_ROOM, Camera
 from harness_opt.pictures.drawing import (
-    ENDS,
     SIZE,
     TUBE,
     DrawnFrame,
     add_cable,
     add_solid,
     cable_colours,
+    clamped,
     curve_of,
     light,
     look,
@@ -206,8 +206,8 @@ def _draw_frame(plotter: pv.Plotter, shown: DrawnFrame, meshes: Mapping[str, pv.
     for name, shapes in shown.motion.cables.items():
         add_cable(plotter, shown, name).prop.interpolation = "phong"
         radius = problem.cables[name].cable.radius
-        for end, station in ENDS.items():
-            inward = rotations.tangent(shapes.quaternion[shown.frame, station]) * (1 if station == 0 else -1)
+        for end, station in clamped(problem.cables[name], shapes).items():
+            inward = rotations.tangent(shapes.quaternion[shown.frame, station]) * (-1 if end == "end" else 1)
             place = shapes.position[shown.frame, station]
             sleeve = tube(np.array([place - 0.4 * radius * inward, place + 2.2 * radius * inward]), None, 1.5 * radius)
             plotter.add_mesh(sleeve, name=f"clamp:{name}:{end}", color=SLEEVE, **TUBE)
@@ -224,7 +224,7 @@ def _draw_ghosts(plotter: pv.Plotter, shown: DrawnFrame, meshes: Mapping[str, pv
                 placed = meshes[name].transform(placement(*pose_at(motion, frame, part.body)), inplace=False)
                 add_solid(plotter, f"ghost part:{name}:{frame}", placed, 0.13, MOVING_PART)
         for name, shapes in motion.cables.items():
-            faint = tube(shapes.position[frame], None, problem.cables[name].cable.radius)
+            faint = tube(shapes.line.position[frame], None, problem.cables[name].cable.radius)
             name_there = f"ghost cable:{name}:{frame}"
             plotter.add_mesh(faint, name=name_there, color=shown.colours[name], opacity=0.22, render=False)
 

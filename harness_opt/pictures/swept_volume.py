@@ -56,7 +56,7 @@ def swept_volume(motion: Motion, name: str) -> SweptVolume:
         raise HarnessError('found no manifold3d, expected the extra "harness-opt[meshes]"') from error
     import trimesh
 
-    shapes, radius = motion.cables[name], motion.problem.cables[name].cable.radius
+    shapes, radius = motion.cables[name].line, motion.problem.cables[name].cable.radius
     stations, sag = _stations(shapes.s, float(np.max(bending(shapes))), ROUGHNESS * radius)
     frames, missed = _frames(motion.motion, shapes.position[:, stations], MOST_PIECES // max(len(stations) - 1, 1))
     corners = shapes.position[np.ix_(frames, stations)]

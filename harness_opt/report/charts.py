@@ -10,6 +10,7 @@ import numpy as np
 
 from harness_opt.clearance.limits import STRAIGHT, bending
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.model.cable import CableRun
 from harness_opt.model.design import Limits
 from harness_opt.model.limits import LimitKind, Obstacle
 from harness_opt.model.results import CableMotion, Motion
@@ -107,8 +108,11 @@ def charts(
         shown = (at, {series: earlier[series] for series in near if series in earlier}) if earlier else None
         least = sorted({MM * pair.limit for pair in measured.pairs if pair.cable == name and pair.limit is not None})
         yield Chart("Clearance", "mm", motion.motion, near, least, False, shown, True, left_out)
-    now, then = _quantities(shapes), _quantities(old) if old else {}
+    run = motion.problem.cables[name]
+    now, then = _quantities(shapes, run), _quantities(old, run) if old else {}
     for title, (unit, limit, most) in _kinds(limits).items():
+        if not now[title]:  # of clips, where there are none
+            continue
         before = (at, then[title]) if then else None
         yield Chart(
             title,
@@ -144,6 +148,8 @@ TITLES = {
     LimitKind.TWIST: "Largest twist",
     LimitKind.CLAMP_FORCE: "Clamp force",
     LimitKind.CLAMP_MOMENT: "Clamp moment",
+    LimitKind.CLIP_FORCE: "Clip force",
+    LimitKind.CLIP_MOMENT: "Clip moment",
 }
 
 
@@ -157,11 +163,16 @@ def _kinds(limits: Limits) -> dict[str, tuple[str, float | None, bool]]:
     return found | {"Stability margin": ("", 0.0, False)}
 
 
-def _quantities(shapes: CableMotion) -> dict[str, dict[str, Array]]:
+def _quantities(shapes: CableMotion, run: CableRun) -> dict[str, dict[str, Array]]:
     """Return the curves (P,) of a cable by title and name, in the units of :func:`_kinds`."""
 
     def ends(load: Array) -> dict[str, Array]:
         return {end: np.linalg.norm(load[:, at], axis=-1) for end, at in (("start", 0), ("end", -1))}
+
+    def clips(load: Array) -> dict[str, Array]:
+        at = np.array(shapes.clip_stations, dtype=int)
+        jumps = np.linalg.norm(load[:, at] - load[:, at + 1], axis=-1)
+        return {clip.name: jumps[:, k] for k, clip in enumerate(run.clips)}
 
     curvature = np.maximum(np.max(bending(shapes), axis=1), STRAIGHT)
     return {
@@ -169,6 +180,8 @@ def _quantities(shapes: CableMotion) -> dict[str, dict[str, Array]]:
         "Largest twist": {"": np.degrees(np.max(np.abs(shapes.curvature[..., 2]), axis=1))},
         "Clamp force": ends(shapes.force),
         "Clamp moment": ends(shapes.moment),
+        "Clip force": clips(shapes.force),
+        "Clip moment": clips(shapes.moment),
         "Stability margin": {"": shapes.stability_margin},
     }
 

@@ -7,7 +7,10 @@ by the rainflow method, ASTM E1049-85 (2017), section 5.4.4, with the package ``
 
 from __future__ import annotations
 
+import csv
+import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +18,7 @@ import numpy as np
 from harness_opt.clearance.limits import STRAIGHT, bending
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.spans import spans_of
 from harness_opt.numerics.rotations import Array
 
 CLOSED = 1e-6  # m and rad-like: bodies whose poses differ by less at the end are back where they began
@@ -75,6 +79,49 @@ def data_sheets(motion: Motion) -> dict[str, DataSheet]:
     if not len(motion.motion):
         return {}
     return {name: _sheet(motion.problem, name, shapes) for name, shapes in motion.cables.items()}
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Where a cable is cut, or marked for a clip.
+
+    Args:
+        cable: its name.
+        at: "start", "end", or the name of the clip.
+        arc_length: along the cable, m.
+        apart: from the mark before, m.
+        body: that holds it there.
+    """
+
+    cable: str
+    at: str
+    arc_length: float
+    apart: float
+    body: str
+
+
+def cut_list(problem: Problem) -> list[Mark]:
+    """Return how to cut and mark the cables that have clips, along each."""
+    found = []
+    for span in spans_of(problem).values():
+        run = problem.cables[span.cable]
+        if run.clips and span.clamps[0] == "start":
+            found.append(Mark(span.cable, "start", 0.0, 0.0, run.start.body))
+        if run.clips:
+            body = run.clamps[span.clamps[1]].body
+            found.append(Mark(span.cable, span.clamps[1], span.last, span.last - span.first, body))
+    return found
+
+
+def cut_list_text(marks: Sequence[Mark]) -> str:
+    """Return a cut list as CSV, in mm."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["cable", "mark", "arc_length_mm", "from_mark_before_mm", "body"])
+    writer.writerows(
+        [mark.cable, mark.at, f"{1e3 * mark.arc_length:.10g}", f"{1e3 * mark.apart:.10g}", mark.body] for mark in marks
+    )
+    return text.getvalue()
 
 
 def _sheet(problem: Problem, name: str, shapes: CableMotion) -> DataSheet:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +12,14 @@ import numpy as np
 
 from harness_opt.clearance.what_counts import let_off_length
 from harness_opt.model.bodies import WORLD, Body, Hinge, Slide
-from harness_opt.model.cable import CableRun, End
+from harness_opt.model.cable import CableRun, Clip, End
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Moments, Problem, left_out
+from harness_opt.model.spans import Span, clamp_way, in_spans, spans_of
 from harness_opt.motion.path import clamp_twist, place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -66,11 +67,10 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
     cable = run.cable
     kx, ky, kz = (float(stiffness) for stiffness in cable.stiffness)
     weight = cable.mass_per_length * float(np.linalg.norm(problem.gravity))
-    ends = [_path(problem, end, motion) for end in (run.start, run.end)]
-    slack = None
-    if ends[0] is not None and ends[1] is not None:
-        slack = cable.length - np.linalg.norm(ends[1] - ends[0], axis=1)
-        tight = Moments.of(problem).words(float(motion[np.argmin(slack)]))
+    apart = in_spans(problem)
+    spans = [span for span in spans_of(problem).values() if span.cable == name]
+    held = [_span(apart, span, motion) for span in spans]
+    tightest = min(held, key=lambda span: span["slack"][0] if span["slack"] else math.inf)
     return {
         "length": cable.length,
         "diameter": cable.diameter,
@@ -78,15 +78,42 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
         "weight_number": weight * cable.length**3 / min(kx, ky),
         "kz_over_kx": kz / kx,
         "ky_over_kx": ky / kx,
-        "slack": None if slack is None else [float(np.min(slack)), float(np.max(slack))],
-        "least_slack_at": None if slack is None else tight,
+        "slack": tightest["slack"],
+        "least_slack_at": tightest["least_slack_at"],
+        "spans": held,
         "start": _end(run.start),
         "end": _end(run.end),
+        "clips": {clip.name: {"at": clip.at, **_end(clip)} for clip in run.clips},
         "turns": run.turned_in,
-        "clamp_twist": clamp_twist(problem, name),
+        "clamp_twist": _total([clamp_twist(apart, span.name) for span in spans]),
         "fitted_at": None if run.untwisted is None else run.fitted_at,
         "fitted_where": None if run.untwisted is None else Moments.of(problem).words(run.fitted_at),
     }
+
+
+def _total(twists: Sequence[float | None]) -> float | None:
+    """Return the twist of all spans together, rad; None where clamps leave one none to keep."""
+    known = [twist for twist in twists if twist is not None]
+    return sum(known) if len(known) == len(twists) else None
+
+
+def _span(problem: Problem, span: Span, motion: Array) -> Json:
+    """Return what is known of a span of ``problem``, which is in spans: its length, and its slack where it has two
+    places.
+    """
+    length, way = span.last - span.first, clamp_way(problem, span.name, motion)
+    found: Json = {
+        "from": span.clamps[0],
+        "to": span.clamps[1],
+        "length": length,
+        "slack": None,
+        "least_slack_at": None,
+    }
+    if way is not None:
+        slack = length - np.linalg.norm(way, axis=1)
+        found["slack"] = [float(np.min(slack)), float(np.max(slack))]
+        found["least_slack_at"] = Moments.of(problem).words(float(motion[np.argmin(slack)]))
+    return found
 
 
 def _variable(problem: Problem, variable: Variable) -> Json:
@@ -95,7 +122,7 @@ def _variable(problem: Problem, variable: Variable) -> Json:
     meant = target(variable.name)
     if meant.quantity != "rotate":
         return found
-    end: End = getattr(problem.cables[meant.cable], str(meant.side))
+    end: End = problem.cables[meant.cable].clamps[str(meant.clamp)]
     if end.frame is None:
         return found
     projected = end.frame if end.tangent is None else rotations.from_tangent(end.tangent)
@@ -202,7 +229,7 @@ def suspects(problem: Problem, scene: Scene) -> list[Suspect]:
     return [
         found
         for name, run in problem.cables.items()
-        for side, end in (("start", run.start), ("end", run.end))
+        for side, end in run.clamps.items()
         for part in scene.parts.values()
         if (found := _suspect(problem, (name, side), end, part)) is not None
     ]
@@ -215,7 +242,8 @@ def _suspect(problem: Problem, clamp: tuple[str, str], end: End, part: Geometry)
     position = _path(problem, end, moments)
     if position is None or not part.closed:
         return None
-    key, limit = f"cables.{name}.{side}", problem.clearance_limit(part.name)
+    where = f"clips.{side}" if isinstance(end, Clip) else side
+    key, limit = f"cables.{name}.{where}", problem.clearance_limit(part.name)
     origin, turn = problem.poses(part.body, moments)
     home = rotations.conjugate(turn)
     depth = -part.signed_distance(rotations.rotate(home, position - origin))[0]
@@ -225,7 +253,7 @@ def _suspect(problem: Problem, clamp: tuple[str, str], end: End, part: Geometry)
         at = Moments.of(problem).words(float(moments[k]))
         words = f"{key}.position: found {1e3 * depth[k]:.3g} mm deep in {part.name}, which does not hold it, at {at}"
         return Suspect(words, part.name, clamp) if depth[k] > 0 else None
-    if end.frame is None:
+    if end.frame is None or isinstance(end, Clip):  # which the cable leaves both ways
         return None
     quaternion = problem.poses(end.body, moments[:1])[1][0]
     out = rotations.rotate(quaternion, rotations.tangent(np.asarray(end.frame))) * (1.0 if side == "start" else -1.0)
@@ -264,7 +292,7 @@ def _counted(things: Mapping[str, Any], word: str) -> str:
 def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
     for name, cable in content["cables"].items():
         size = f"{_mm(cable['length'])} mm long, {_mm(cable['diameter'])} mm thick"
-        held = " and ".join(_held(side, cable[side]) for side in ("start", "end"))
+        held = " and ".join(_held(f"its {side}", cable[side]) for side in ("start", "end"))
         turns = f", with {cable['turns']:+g} turns" if cable["turns"] else ""
         yield f"Cable {name}: {size}; {held}{turns}."
         flat = f", ky/kx = {cable['ky_over_kx']:.4g}" if cable["ky_over_kx"] != 1 else ""
@@ -274,16 +302,21 @@ def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
             degrees = math.degrees(cable["clamp_twist"])
             where = "at the start" if cable["fitted_at"] is None else f"where fitted, at {cable['fitted_where']}"
             yield f"  its clamps build in {degrees:.4g} deg of twist, {degrees / cable['length']:.4g} deg/m, {where}"
-        if cable["slack"] is not None:
-            smallest, largest = (f"{1e3 * slack:.4g}" for slack in cable["slack"])
-            least = f"least at {cable['least_slack_at']}"
-            yield f"  slack over the distance of its ends: {smallest} to {largest} mm over the motion, {least}"
+        for clip, held in cable["clips"].items():
+            yield f"  at {_mm(held['at'])} mm {_held(clip, held)}"
+        for span in cable["spans"]:
+            if span["slack"] is not None:
+                between = f" from {span['from']} to {span['to']}" if cable["clips"] else ""
+                ends = "these" if between else "its ends"
+                smallest, largest = (f"{1e3 * slack:.4g}" for slack in span["slack"])
+                least = f"over the motion, least at {span['least_slack_at']}"
+                yield f"  slack{between} over the distance of {ends}: {smallest} to {largest} mm {least}"
 
 
-def _held(side: str, end: Mapping[str, Any]) -> str:
+def _held(what: str, end: Mapping[str, Any]) -> str:
     if end["held"] == "free":
-        return f"its {side} is free"
-    return f"its {side} is {end['held']} {'in the' if end['body'] == WORLD else 'to'} {end['body']}"
+        return f"{what} is free"
+    return f"{what} is {end['held']} {'in the' if end['body'] == WORLD else 'to'} {end['body']}"
 
 
 def _body_lines(content: Mapping[str, Any]) -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import LimitEntry, Summary, limit_of, moments_of
 from harness_opt.model.bodies import Hinge, Poses, Slide
-from harness_opt.model.cable import CableRun, End
+from harness_opt.model.cable import CableRun, Clip, End
 from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.problem import Moments, Problem, travels
 from harness_opt.model.results import Motion
@@ -20,7 +20,7 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.report import charts
 from harness_opt.report import redesign_words as redesigned
 from harness_opt.report import words as tables
-from harness_opt.report.data_sheet import DataSheet, Ranging
+from harness_opt.report.data_sheet import DataSheet, Ranging, cut_list
 
 Json = dict[str, Any]
 
@@ -40,6 +40,7 @@ HOLDS = {
 MOST_GROUPS = 12  # of limits that are shown whether they hold or not
 HEAD_CABLES = ("Cable", "Length", "Diameter", "Bending stiffness", "Torsional stiffness", "Mass", "As made")
 HEAD_CLAMPS = ("Clamp", "Held by", "Position, mm", "Direction along the cable", "Roll")
+HEAD_CUT = ("Cut and marks", "At", "Along the cable", "From the mark before")
 HEAD_BODIES = ("Body", "Motion", "From", "To")
 MOST_CYCLES = 4  # listed for each quantity, the largest first
 
@@ -147,7 +148,8 @@ def live_rows(
         if kind is LimitKind.CLEARANCE:
             values = unit.factor * pairs[which].clearance
         else:
-            values = np.max(list(curves[row["cable"]][charts.TITLES[kind]].values()), axis=0)
+            series = curves[row["cable"]][charts.TITLES[kind]]
+            values = np.max(list(series.values()), axis=0) if which.clip is None else series[which.clip]
         limit = None if row["limit"] is None else unit.factor * row["limit"]
         digits = min(unit.digits, 2)
         found.append({"values": plain(values), "limit": limit, "most": not kind.is_least, "digits": digits})
@@ -304,11 +306,14 @@ def input_tables(problem: Problem) -> Iterator[Json]:
     """Give the tables, each as ``head`` and ``rows``."""
     yield {"head": HEAD_CABLES, "rows": [_input_cable(name, run) for name, run in problem.cables.items()]}
     clamps = [
-        (f"{name}, {side}", *_input_clamp(end))
+        (f"{name}, {side}{_where(end)}", *_input_clamp(end))
         for name, run in problem.cables.items()
-        for side, end in (("start", run.start), ("end", run.end))
+        for side, end in run.clamps.items()
     ]
     yield {"head": HEAD_CLAMPS, "rows": clamps}
+    marks = [(m.cable, m.at, f"{1e3 * m.arc_length:.6g} mm", f"{1e3 * m.apart:.6g} mm") for m in cut_list(problem)]
+    if marks:
+        yield {"head": HEAD_CUT, "rows": marks}
     moving = {way.body: way for way in travels(problem)}
     bodies = [(name, motion_words(problem, name), moving[name].at(0.0), moving[name].at(1.0)) for name in moving]
     if bodies:
@@ -322,6 +327,10 @@ def _input_cable(name: str, run: CableRun) -> tuple[str, ...]:
     made = f"curved, {_numbers(cable.rest_curvature)} 1/m" if any(cable.rest_curvature) else "straight"
     mass = f"{1e3 * cable.mass_per_length:.4g} g/m"
     return name, f"{1e3 * cable.length:.6g} mm", f"{1e3 * cable.diameter:.4g} mm", bending, f"{kz:.4g} N m2", mass, made
+
+
+def _where(end: End) -> str:
+    return f" at {1e3 * end.at:.6g} mm" if isinstance(end, Clip) else ""
 
 
 def _input_clamp(end: End) -> tuple[str, ...]:

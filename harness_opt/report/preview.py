@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Hinge
-from harness_opt.model.cable import CableRun, End
+from harness_opt.model.cable import End
 from harness_opt.model.plausibility import doubts, part_doubts
 from harness_opt.model.problem import Moments, Problem
 from harness_opt.numerics import rotations
@@ -79,7 +80,7 @@ def _data(problem: Problem, scene: Scene, odd_parts: set[str | None], odd_clamps
     hold = viewpoint.whole(problem, motion, outlines_of(scene), points)
     size = float(np.linalg.norm(np.ptp(hold, axis=0))) or 1.0
     bodies = sorted({part.body for part in problem.parts.values()} | set(problem.bodies) | {"world"})
-    ends = [(name, side, end) for name, run in problem.cables.items() for side, end in _sides(run)]
+    ends = [(name, side, end) for name, run in problem.cables.items() for side, end in run.clamps.items()]
     near = _near(points, size)
     shown = {
         "frames": list(range(len(motion))),
@@ -116,15 +117,11 @@ def _data(problem: Problem, scene: Scene, odd_parts: set[str | None], odd_clamps
     }
 
 
-def _sides(run: CableRun) -> tuple[tuple[str, End], ...]:
-    return ("start", run.start), ("end", run.end)
-
-
 def _clamp_points(problem: Problem, motion: Array) -> Array:
     """Return where clamps come to over the motion, in the world, (n, 3)."""
     found = [np.zeros((0, 3))]
     for run in problem.cables.values():
-        for _, end in _sides(run):
+        for end in run.clamps.values():
             if end.position is not None:
                 position, turn = problem.poses(end.body, motion)
                 found.append(position + rotations.rotate(turn, np.asarray(end.position)))
@@ -163,14 +160,13 @@ def _clamp(problem: Problem, name: str, side: str, end: End, long: float, odd: s
 
 
 def _links(problem: Problem) -> list[Json]:
-    """Return the straight lines between the ends of each cable."""
+    """Return the straight lines between the clamps of each cable."""
     found = []
     for number, run in enumerate(problem.cables.values()):
-        ends = [
-            {"body": end.body, "position": list(end.position)} for _, end in _sides(run) if end.position is not None
-        ]
-        if len(ends) == len(_sides(run)):
-            found.append({"ends": ends, "colour": colours.CABLES[number % len(colours.CABLES)]})
+        for pair in itertools.pairwise(run.clamps.values()):
+            ends = [{"body": end.body, "position": list(end.position)} for end in pair if end.position is not None]
+            if len(ends) == len(pair):
+                found.append({"ends": ends, "colour": colours.CABLES[number % len(colours.CABLES)]})
     return found
 
 

@@ -91,8 +91,8 @@ def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
 def _clamps(drawn: Problem, problem: Problem) -> Iterator[ClampEntry]:
     """Yield the clamps of ``problem`` that do not stand as ``drawn``."""
     for name, run in problem.cables.items():
-        for side, old in (("start", drawn.cables[name].start), ("end", drawn.cables[name].end)):
-            end: End = getattr(run, side)
+        for side, old in drawn.cables[name].clamps.items():
+            end: End = run.clamps[side]
             if end != old:
                 yield ClampEntry(
                     name=f"{name}.{side}",

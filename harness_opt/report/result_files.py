@@ -20,11 +20,14 @@ from harness_opt.model.results import Motion
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.parts.used import write_used
+from harness_opt.report.data_sheet import cut_list, cut_list_text
 from harness_opt.report.summary import _asked, as_json, summary, timed
 
 if TYPE_CHECKING:
     from harness_opt.design.result import Redesign
 
+
+CUT_LIST = "cut_list.csv"
 
 Pictures = Callable[["Motion | Redesign", Path], Iterable[str]]
 
@@ -77,6 +80,9 @@ def write_results(
                 from harness_opt.report.trade_off_files import write_trade_off
 
                 write_trade_off(result.trade_off, aside)
+        marks = cut_list(result.problem)
+        if marks:
+            (aside / CUT_LIST).write_text(cut_list_text(marks), encoding="utf-8")
         write_used(aside, problems, scene)
         if pictures is not None:
             begin = time.perf_counter()

@@ -74,6 +74,7 @@ def _cable(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, k
     far = colouring.far(motion.problem)
     points = colouring.Points(name, kept, shapes.s, shapes.position[kept])
     nearest, state = colouring.states(motion, scene, measured.pairs, points, far)
+    clamped = [0, *shapes.clip_stations, len(shapes.s) - 1]
     return {
         "name": name,
         "radius": cable.radius,
@@ -83,7 +84,8 @@ def _cable(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, k
         "twist": pack(np.degrees(np.abs(shapes.curvature[kept, :, 2])), np.float32),
         "clearance": pack(nearest, np.float32),
         "state": pack(state, np.uint8),
-        "clamps": pack(shapes.quaternion[kept][:, [0, -1]], np.float32),
+        "clamped": clamped,
+        "clamps": pack(shapes.quaternion[kept][:, clamped], np.float32),
     }
 
 

@@ -141,6 +141,7 @@ def _snap(snap: Snap) -> SnapEntry:
         frame=snap.frame,
         motion=snap.motion,
         passes_through_itself=snap.passes_through_itself,
+        span=snap.span,
     )
 
 

@@ -101,7 +101,7 @@ def quantity(row: LimitEntry, value: float | None, sign: str = "") -> str:
 def against(row: LimitEntry) -> str:
     """Return what a row's clearance is measured to, as the cell of a table; nothing for other limits."""
     if row["other_cable"] is None:
-        return row["part"] or ""
+        return row["part"] or row.get("clip") or ""
     return "itself" if row["other_cable"] == row["cable"] else f"cable {row['other_cable']}"
 
 

@@ -22,7 +22,7 @@ from typing import Any, Literal
 from harness_opt.errors import ProblemError
 from harness_opt.files.places import Places
 from harness_opt.files.quantities import Quantities, Tree
-from harness_opt.model.between import table
+from harness_opt.model.checks import table
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations

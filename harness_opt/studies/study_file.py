@@ -15,9 +15,8 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from harness_opt.errors import ProblemError
 from harness_opt.files.places import Places
 from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
-from harness_opt.files.schema import structured
 from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
-from harness_opt.files.values import Expected, Number, Seed, Table, Text, Whole, only_integer, schema_of
+from harness_opt.files.values import Expected, Number, Seed, Table, Text, Whole, only_integer, schema_of, structured
 from harness_opt.model.checks import dotted, one_of, shown
 from harness_opt.model.tolerances import Tolerance
 from harness_opt.studies.shared_problem import COMMANDS, Command

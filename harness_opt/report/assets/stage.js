@@ -51,10 +51,11 @@ class SceneView {
     return placement(numbers.subarray(0, 3), numbers.subarray(3));
   }
 
+  /** Where the clamp number `end` of a cable stands, in the order of `cable.clamped`, its stations. */
   clamp(cable, end, frame) {
-    const line = this.line(cable, frame), last = line.length - 3;
-    const q = cable.clamps.subarray(8 * frame + 4 * end, 8 * frame + 4 * end + 4);
-    return placement(end ? line.subarray(last) : line.subarray(0, 3), q);
+    const line = this.line(cable, frame), station = cable.clamped[end];
+    const first = 4 * (cable.clamped.length * frame + end);
+    return placement(line.subarray(3 * station, 3 * station + 3), cable.clamps.subarray(first, first + 4));
   }
 
   /** Show `frame` with cables coloured by `colour(cable, station index)`. */
@@ -181,8 +182,9 @@ class Stage {
   drawCables(sceneView, options) {
     for (const cable of sceneView.cables) {
       this.renderer.draw(cable.mesh, { shine: 0.3 });
-      for (const end of [0, 1]) {
-        const model = sceneView.clamp(cable, end, sceneView.frame), size = cable.radius * (end ? -1 : 1);
+      for (const end of cable.clamped.keys()) {
+        const model = sceneView.clamp(cable, end, sceneView.frame), last = end === cable.clamped.length - 1;
+        const size = cable.radius * (last ? -1 : 1);
         const sized = (k) => multiply(model, new Float32Array([k[0], 0, 0, 0, 0, k[1], 0, 0, 0, 0, k[2], 0, 0, 0, 0, 1]));
         this.renderer.draw(this.sleeve, { model: sized([Math.abs(size), Math.abs(size), size]), colour: rgb(this.data.palette.sleeve) });
         if (!options.frames) continue;

@@ -1,0 +1,109 @@
+"""Checks of the design variables of a problem: their names, bounds, what follows them, and what a redesign prefers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from harness_opt.model.cable import ENDS
+from harness_opt.model.checks import INVALID, ORIENTATIONS, KeyPath, Mistake, Tree, coupling, one_of, shown, table
+
+
+def variables_of(cable: str, clips: Sequence[str] = ()) -> dict[str, tuple[str, str] | None]:
+    """Return the design variables of a cable by name: clamp and what it needs there; None for arc lengths."""
+    names: dict[str, tuple[str, str] | None] = {f"{cable}.length": None}
+    names |= {f"{cable}.{clip}.at": None for clip in clips}
+    for side in (*ENDS, *clips):
+        for axis in "xyz":
+            names[f"{cable}.{side}.position.{axis}"] = (side, "position")
+            names[f"{cable}.{side}.rotate_{axis}_deg"] = (side, "orientation")
+    return names
+
+
+def mistakes_of_variables(tree: Tree) -> Iterator[Mistake]:
+    """Yield what is wrong about design variables, and about what a redesign prefers among them.
+
+    Args:
+        tree: the tables, with ``INVALID`` for values that are known to be wrong.
+    """
+    if "cables" not in tree or tree["cables"] is INVALID:
+        return
+    known = {
+        name: (cable, need)
+        for cable in table(tree, "cables")
+        for name, need in variables_of(cable, list(table(tree, "cables", cable, "clips"))).items()
+    }
+    given = table(tree, "design", "variables")
+    for name, bounds in given.items():
+        path = ("design", "variables", name)
+        if isinstance(bounds, Mapping):
+            continue
+        if name not in known:
+            yield path, f"found an unknown variable, expected {_nearest_variable(known, name)}"
+            continue
+        cable, need = known[name]
+        if need is not None:
+            yield from _given(path, tree, cable, need)
+        if isinstance(bounds, str):
+            yield from _coupling(path, bounds, given)
+        elif bounds is not INVALID:
+            yield from _bounds(path, bounds, is_length=need is None)
+    yield from _preferences(tree, {name for name, bounds in given.items() if not isinstance(bounds, str)})
+
+
+def _coupling(path: KeyPath, text: str, given: Tree) -> Iterator[Mistake]:
+    """Check what follows another variable: one with bounds, in the same unit."""
+    found, name = coupling(text), path[-1]
+    free = [other for other, bounds in given.items() if not isinstance(bounds, str)]
+    if found is None:
+        words = (
+            'expected text such as "= lead.start.position.x", "= -lead.end.rotate_x_deg" or "= 2 * lead.length + 0.01"'
+        )
+        yield path, f"found {shown(text)}, {words}"
+    elif found[0] not in free:
+        yield path, f"found {shown(text)}, expected a variable with bounds: {one_of(free, found[0])}"
+    elif found[0].endswith("_deg") != name.endswith("_deg"):
+        yield path, f"found {shown(text)}, expected a variable in the same unit"
+    elif name.endswith((".length", ".at")) and isinstance(given[found[0]], (list, tuple)):
+        least = min(found[1] * bound + found[2] for bound in given[found[0]])
+        if not least > 0:
+            yield path, f"found {shown(text)}, which may be {least:.6g}, expected a length above 0"
+
+
+def _preferences(tree: Tree, free: set[str]) -> Iterator[Mistake]:
+    """Check what a redesign prefers."""
+    design = table(tree, "design")
+    for name in table(design, "weights"):
+        if name not in free:
+            found = "found a weight of no variable with bounds"
+            yield ("design", "weights", name), f"{found}, expected {one_of(sorted(free), name) or 'variables first'}"
+    if "maximise" in design and "minimise" in design:
+        yield ("design", "maximise"), "found minimise as well, expected one of the two"
+
+
+def _nearest_variable(known: Mapping[str, Any], name: str) -> str:
+    """Return what to type in the place of ``name``; the whole list would fill the screen."""
+    forms = "CABLE.length, CABLE.start.position.x or CABLE.end.rotate_x_deg and the like"
+    nearest = one_of(known, name).partition("; ")[2]
+    return f"{forms}; {nearest}" if nearest else forms
+
+
+def _given(path: KeyPath, tree: Tree, cable: str, need: tuple[str, str]) -> Iterator[Mistake]:
+    """Check that the end which a variable moves or turns has what it changes."""
+    side, what = need
+    given = table(tree, "cables", cable)
+    end = {**table(given, "clips"), **{name: given.get(name) for name in ENDS}}.get(side)
+    keys = ORIENTATIONS if what == "orientation" else ("position",)
+    if isinstance(end, Mapping) and not any(key in end for key in keys):
+        yield (
+            path,
+            f"found no {' or '.join(keys)} in cables.{cable}.{side}, expected one for the variable to change",
+        )
+
+
+def _bounds(path: KeyPath, bounds: Any, *, is_length: bool) -> Iterator[Mistake]:
+    lower, upper = bounds
+    if not lower < upper:
+        yield path, f"found {shown(bounds)}, expected [lower, upper] with the lower bound below the upper"
+    if is_length and not lower > 0:
+        yield path, f"found {shown(bounds)}, expected a lower bound above 0 for a length"

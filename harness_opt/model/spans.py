@@ -1,0 +1,161 @@
+"""Spans: the stretches of a cable between two of its clamps, each a cable of its own, and whether they reach.
+
+A clip holds position and section frame, so what lies on one side of it does not feel the other: the spans are solved,
+measured and linearised one by one, as cables without clips are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from harness_opt.model.cable import REACH_TOLERANCE, CableRun, Clip
+from harness_opt.model.limits import LimitId, Obstacle, quoted
+from harness_opt.numerics import rotations
+from harness_opt.numerics.rotations import Array
+
+Problem = Any  # asks while it is made whether its cables reach
+SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of a cable between two of its clamps.
+
+    Args:
+        name: of the cable that it is on its own, in :func:`in_spans`.
+        cable: name of the whole cable.
+        clamps: names of what holds it, such as ``("start", "elbow")``.
+        first, last: arc lengths of these along the whole cable, m.
+    """
+
+    name: str
+    cable: str
+    clamps: tuple[str, str]
+    first: float
+    last: float
+
+
+def spans_of(problem: Problem) -> dict[str, Span]:
+    """Return the spans of all cables, along each, by name; a cable without clips is one span, of its own name."""
+    found = {}
+    for cable, run in problem.cables.items():
+        names = list(run.clamps)
+        places = [0.0, *(clip.at for clip in run.clips), run.cable.length]
+        for k in range(len(names) - 1):
+            name = f"{cable}, {names[k]} to {names[k + 1]}" if run.clips else cable
+            found[name] = Span(name, cable, (names[k], names[k + 1]), places[k], places[k + 1])
+    return found
+
+
+def has_clips(problem: Problem) -> bool:
+    """Whether any cable is clipped on its way."""
+    return any(run.clips for run in problem.cables.values())
+
+
+def in_spans(problem: Problem) -> Problem:
+    """Return the problem whose cables are the spans of those of ``problem``; itself where no cable has clips.
+
+    The roll of a clip that is fitted untwisted is found with the span before it: see :func:`carried`.
+    """
+    if not has_clips(problem):
+        return problem
+    runs = {}
+    for span in spans_of(problem).values():
+        run = problem.cables[span.cable]
+        start, end = (run.clamps[name] for name in span.clamps)
+        cable = dataclasses.replace(run.cable, length=span.last - span.first)
+        if isinstance(start, Clip):
+            start = dataclasses.replace(start.held(), turns=0)
+        runs[span.name] = CableRun(cable, start, end, run.bow, run.fitted_at)
+    return problem.changed(cables=runs)
+
+
+def own_ends(run: CableRun) -> list[int]:
+    """Return which ends of a span are its cable's own, and no clip: 0 for its start, -1 for its end."""
+    return [number for number, end in ((0, run.start), (-1, run.end)) if not isinstance(end, Clip)]
+
+
+def joints(problem: Problem) -> Iterator[tuple[str, str, str]]:
+    """Yield the clips of a problem of :func:`in_spans`: name, span before, span behind; those of spans follow each
+    other.
+    """
+    for before, behind in itertools.pairwise(problem.cables):
+        clip = problem.cables[before].end
+        if isinstance(clip, Clip):
+            yield clip.name, before, behind
+
+
+def whole(spans: Mapping[str, Span], which: LimitId) -> LimitId:
+    """Return the limit of a whole cable that a limit of one of its ``spans`` is."""
+    obstacle = which.obstacle
+    if obstacle is not None and obstacle.is_cable:
+        obstacle = Obstacle(spans[obstacle.name].cable, is_cable=True)
+    return dataclasses.replace(which, cable=spans[which.cable].cable, obstacle=obstacle)
+
+
+def carried(problem: Problem, spans: Mapping[str, Span], name: str, at: float, frame: Array) -> Problem:
+    """Return a problem of spans with the roll of a clip as it was found, for the span behind it.
+
+    Args:
+        problem: of :func:`in_spans`.
+        spans: of the whole problem.
+        name: of the span that ends at the clip; nothing is to be done where it ends at none, or at one whose roll is
+            given.
+        at: motion value, 0 to 1.
+        frame: section frame (4,) at its end there, in the world.
+    """
+    here, run = spans[name], problem.cables[name]
+    behind = [span for span in spans.values() if span.cable == here.cable and span.clamps[0] == here.clamps[1]]
+    if not behind or run.end.roll != "untwisted":
+        return problem
+    body = problem.poses(run.end.body, [at])[1][0]
+    own = rotations.multiply(rotations.conjugate(body), rotations.normalise(frame))
+    there = problem.cables[behind[0].name]
+    there = dataclasses.replace(there, start=there.start.held(own))
+    return problem.changed(cables={**problem.cables, behind[0].name: there})
+
+
+def clamp_way(problem: Problem, cable: str, motion: ArrayLike) -> Array | None:
+    """Return the way (P, 3) from the start of ``cable`` to its end, m, at ``motion`` (P,); None with a free end."""
+    run, places = problem.cables[cable], []
+    for end in (run.start, run.end):
+        if end.position is None:
+            return None
+        origin, turn = problem.poses(end.body, motion)
+        places.append(origin + rotations.rotate(turn, np.broadcast_to(np.asarray(end.position), origin.shape)))
+    way: Array = places[1] - places[0]
+    return way
+
+
+def shortest(problem: Problem, cable: str) -> tuple[float, float]:
+    """Return how long ``cable`` has to be at least to reach its clamps, m, and the motion value that asks for it."""
+    motion = np.linspace(0.0, 1.0, SAMPLES)
+    way = clamp_way(problem, cable, motion)
+    if way is None:
+        return 0.0, 0.0
+    distance = np.linalg.norm(way, axis=1)
+    worst = int(np.argmax(distance))
+    return float(distance[worst]), float(motion[worst])
+
+
+def too_short(problem: Problem, cables: Iterable[str]) -> dict[str, str]:
+    """Return what is wrong with those of ``cables`` that are too short for their clamps at some moment, by span."""
+    found, names, apart = {}, set(cables), in_spans(problem)
+    for span in spans_of(problem).values():
+        if span.cable not in names:
+            continue
+        (distance, at), length = shortest(apart, span.name), span.last - span.first
+        if not distance <= length * (1 + REACH_TOLERANCE):
+            key, between, whose = f"cables.{quoted(span.cable)}.length", "", "its clamps"
+            if span.name != span.cable:
+                between, whose = f" from {span.clamps[0]} to {span.clamps[1]}", "the two"
+            words = f"expected at least {distance:.6g}, the distance between {whose}"
+            found[span.name] = f"{key}: found {length:g}{between}, {words} at motion {at:.3g} (of 0 to 1)"
+    return found
