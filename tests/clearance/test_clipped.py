@@ -78,7 +78,7 @@ def test_spans_that_follow_each_other_do_not_collide_at_their_clip():
     assert row.holds == "yes" and row.worst == np.inf
 
 
-@pytest.mark.parametrize("apart", [0.02, 0.009])
+@pytest.mark.parametrize("apart", [0.016, 0.009])
 def test_a_span_that_comes_near_another_is_the_cable_near_itself(apart):
     """The cable is led round and back beside itself: a long way along it, ``apart`` in space."""
     clips = (
