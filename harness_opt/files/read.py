@@ -17,22 +17,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
 from harness_opt.files.beside import bend_radius, mistakes_of_limits, mistakes_of_parts, with_cables
+from harness_opt.files.bodies import motions_of
 from harness_opt.files.places import MEGABYTE, Places, unreadable
-from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
 from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
-from harness_opt.model.between import Tree, mistakes_between, table
-from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
+from harness_opt.model.between import mistakes_between
+from harness_opt.model.bodies import Body, BodyMotion
 from harness_opt.model.cable import Cable, CableRun, End
-from harness_opt.model.checks import Mistake, coupling, dotted, shown
+from harness_opt.model.checks import coupling, dotted, shown
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
@@ -48,9 +46,6 @@ MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
 _OWN, _OF_A_STUDY = {"cables", "bodies", "parts"}, {"vary", "variants", "problem"}  # tables of either kind of file
 NEAR = 20  # letters that are shown around one that cannot be written
 MOST_MISTAKES = 200  # that are told one by one
-MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
-
-_MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
 
 
 def read_problem(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()) -> Problem:
@@ -155,7 +150,7 @@ def problem_from(
     told = {path for path, _ in of_libraries}
     mistakes = [*of_libraries, *(mistake for mistake in mistakes if mistake[0] not in told)]
     mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
-    motions, wrong = _motions(tree, places, pending or {})
+    motions, wrong = motions_of(tree, places, pending or {})
     mistakes += wrong
     if tables is not None and tables.robust is not None:
         mistakes += robust_mistakes(tables, tables.robust)
@@ -181,7 +176,7 @@ def _problem(
 ) -> Problem:
     return Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
-        bodies={name: Body(motions[name]) for name in tables.bodies},
+        bodies={name: Body(motions[name], body.parent) for name, body in tables.bodies.items()},
         parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
         limits=_limits(tables),
@@ -251,48 +246,6 @@ def _syntax_words(message: str, text: str) -> str:
 
 def _lowered(words: str) -> str:
     return words[:1].lower() + words[1:]
-
-
-# --- motions -------------------------------------------------------------------------------------------
-
-
-def _motions(
-    tree: Tree, places: Places, pending: Mapping[Path, bytes]
-) -> tuple[dict[str, BodyMotion | None], list[Mistake]]:
-    """Return the motions of all bodies whose tables are in order, and the mistakes in tables of poses."""
-    motions: dict[str, BodyMotion | None] = {WORLD: None}
-    mistakes: list[Mistake] = []
-    for name in table(tree, "bodies"):
-        body = tree["bodies"][name]
-        if name == WORLD or not isinstance(body, Mapping):
-            continue
-        if "motion" not in body:
-            motions[name] = None
-            continue
-        try:
-            motion = _MOTION.validate_python(body["motion"])
-        except ValidationError:
-            continue  # named already when the whole file was structured
-        try:
-            motions[name] = _motion(motion, places, pending)
-        except ProblemError as error:
-            path = ("bodies", name, "motion", "file")
-            mistakes.extend((path, line) for line in error.mistakes)
-    return motions, mistakes
-
-
-def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyMotion:
-    if isinstance(motion, file_schema.HingeTable):
-        return Hinge(motion.point, motion.axis, math.radians(motion.from_deg), math.radians(motion.to_deg))
-    if isinstance(motion, file_schema.SlideTable):
-        return Slide(motion.direction, motion.from_, motion.to)
-    file = places.located(motion.file)
-    if file in pending:
-        return parse_poses(pending[file], file)
-    why = places.fault(motion.file, "a table of poses", motion.file_sha256, MOST_TABLE_BYTES)
-    if why:
-        raise ProblemError(why)
-    return parse_poses(file.read_bytes(), file)
 
 
 def _cable_run(cable: file_schema.CableTable) -> CableRun:

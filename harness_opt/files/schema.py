@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, JsonValue, ValidationError
 
+from harness_opt.files.bodies import MOTION_KINDS, BodyTable
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
     BendFactor,
@@ -124,48 +125,6 @@ class CableTable(Table):
     fitted_at: MotionValue = Field(default=0.0, description="Motion value, 0 to 1, where an untwisted end is clamped.")
     start: EndTable = Field(description="What holds the cable at arc length 0.")
     end: EndTable = Field(description="What holds the cable at its full length.")
-
-
-class HingeTable(Table):
-    """Turning about a fixed line; at angle 0 body coordinates are world coordinates."""
-
-    kind: Literal["hinge"] = Field(description="Turning about a fixed line.")
-    point: Vector = Field(description="A point on the line, m.")
-    axis: Direction = Field(description="Direction of the line, any length.")
-    from_deg: Number = Field(description="First angle, degrees.")
-    to_deg: Number = Field(description="Last angle, degrees.")
-
-
-class SlideTable(Table):
-    """Straight motion without turning; at travel 0 body coordinates are world coordinates."""
-
-    kind: Literal["slide"] = Field(description="Straight motion without turning.")
-    direction: Direction = Field(description="Direction of travel, any length.")
-    from_: Number = Field(alias="from", description="First travel, m.")
-    to: Number = Field(description="Last travel, m.")
-
-
-class PosesTable(Table):
-    """A tabulated motion: positions by a cubic spline, rotations by a smooth one on the sphere."""
-
-    kind: Literal["poses"] = Field(description="A table of poses.")
-    file: Text = Field(
-        description="CSV with the header t,x,y,z,qw,qx,qy,qz (s, m, unit quaternion), relative to this file."
-    )
-    file_sha256: Digest | None = Field(
-        default=None,
-        description="SHA-256 of the table; with it, the table may lie outside this file's folder.",
-    )
-
-
-MotionTable = Annotated[HingeTable | SlideTable | PosesTable, Field(discriminator="kind")]
-MOTION_KINDS = ("hinge", "slide", "poses")
-
-
-class BodyTable(Table):
-    """A rigid body; without a motion it stands still, its coordinates those of the world."""
-
-    motion: MotionTable | None = Field(default=None, description="How the body moves: hinge, slide or poses.")
 
 
 class BoxTable(Table):

@@ -14,10 +14,10 @@ import tomlkit
 from tomlkit.items import InlineTable, Item, Table
 
 from harness_opt.errors import ProblemError
+from harness_opt.files.bodies import parse_poses, poses_text
 from harness_opt.files.places import Places
-from harness_opt.files.poses_table import parse_poses, poses_text
 from harness_opt.files.tolerance_table import content_of
-from harness_opt.model.bodies import Body, BodyMotion, Hinge, Poses, Slide
+from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Poses, Slide
 from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.design import Limits
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
@@ -168,10 +168,11 @@ def _end(end: End) -> InlineTable:
 
 
 def _body(name: str, body: Body, file: Path, pending: dict[Path, bytes]) -> Table:
-    if body.motion is None:
-        return tomlkit.table()
-    table = tomlkit.table(is_super_table=True)
-    table.add("motion", _fill(tomlkit.table(), _motion_rows(name, body.motion, file, pending)))
+    carried = body.parent != WORLD
+    table = tomlkit.table(is_super_table=body.motion is not None and not carried)
+    _fill(table, [("parent", body.parent if carried else None, "")])
+    if body.motion is not None:
+        table.add("motion", _fill(tomlkit.table(), _motion_rows(name, body.motion, file, pending)))
     return table
 
 

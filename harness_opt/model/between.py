@@ -53,6 +53,9 @@ def mistakes_between(tree: Tree) -> Iterator[Mistake]:
         yield from _cable(tree, name)
     for name in table(tree, "parts"):
         yield from _body(tree, ("parts", name), table(tree, "parts", name))
+    for name in table(tree, "bodies"):
+        yield from _body(tree, ("bodies", name), table(tree, "bodies", name), "parent")
+    yield from _circles(table(tree, "bodies"))
     yield from _bend_radius(tree)
     yield from _variables(tree)
 
@@ -75,14 +78,32 @@ def _names(tree: Tree) -> Iterator[Mistake]:
         )
 
 
-def _body(tree: Tree, path: KeyPath, owner: Tree) -> Iterator[Mistake]:
+def _body(tree: Tree, path: KeyPath, owner: Tree, key: str = "body") -> Iterator[Mistake]:
     """Check that the body which ``owner`` names exists."""
-    name, bodies = value(owner, "body"), tree.get("bodies", {})
+    name, bodies = value(owner, key), tree.get("bodies", {})
     if name is None or not isinstance(bodies, Mapping):
         return
     known = [WORLD, *(body for body in bodies if body != WORLD)]
     if name not in known:
-        yield (*path, "body"), f"found {shown(name)}, expected {one_of(known, name)}"
+        yield (*path, key), f"found {shown(name)}, expected {one_of(known, name)}"
+
+
+def _circles(bodies: Tree) -> Iterator[Mistake]:
+    """Check that no body carries itself, however many are between; each circle is told once."""
+    told: set[str] = set()
+    for name in bodies:
+        way = [name]
+        while True:
+            parent = value(table(bodies, way[-1]), "parent")
+            if not isinstance(parent, str) or parent == WORLD or parent not in bodies or parent in told:
+                break
+            if parent in way:
+                circle = [*way[way.index(parent) :], parent]
+                around = " on ".join(shown(one) for one in circle)
+                yield ("bodies", parent, "parent"), f"found a circle, {around}, expected one that leads to the world"
+                break
+            way.append(parent)
+        told.update(way)
 
 
 # --- cables --------------------------------------------------------------------------------------------
@@ -339,7 +360,7 @@ def _tree(problem: Any) -> dict[str, Any]:
     variables |= {one.name: f"= {one.words}" for one in design.couplings}
     return {
         "cables": {name: _run_table(run) for name, run in problem.cables.items()},
-        "bodies": {name: {} for name in problem.bodies},
+        "bodies": {name: {"parent": body.parent} for name, body in problem.bodies.items()},
         "parts": {name: {"body": part.body} for name, part in problem.parts.items()},
         "limits": {"bend_radius": problem.limits.bend_radius or None},
         "design": {"variables": variables, "weights": dict(design.weights)},

@@ -1,8 +1,12 @@
-"""How a body moves: about a hinge, along a slide, or through tabulated poses. SI units; quaternions scalar first."""
+"""How a body moves: about a hinge, along a slide, or through tabulated poses. SI units; quaternions scalar first.
+
+A body that another one carries moves relative to that: its poses and its motion are in its parent's coordinates.
+"""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import RotationSpline
 
+WORLD = "world"
 SHORTEST = 1e-9  # s between two rows of a table: no motion is told more finely, and speeds stay numbers
 RATE_MARGIN = 1.1  # angular acceleration is not linear between those samples; sizes and angles there are
 
@@ -29,7 +34,7 @@ class Rates:
     """Bounds on how fast a body moves over k stretches of its motion, per unit of ``motion``.
 
     Args:
-        centre: (k, 3), world, m, of one and the same point of the body, in the middle of the stretch.
+        centre: (k, 3), world or parent, m, of one and the same point of the body, in the middle of the stretch.
         speed, acceleration: of that point, (k,), m and m per motion squared.
         turning, turning_change: angular speed and acceleration, (k,), rad and rad per motion squared.
     """
@@ -46,10 +51,40 @@ class Rates:
         none = np.zeros(count)
         return Rates(np.tile(np.asarray(centre, dtype=float), (count, 1)), none + speed, none, none + turning, none)
 
+    def carried(self, parent: Rates, pose: tuple[Array, Array], long: Array) -> Rates:
+        """Return these rates, relative to a parent that itself moves, as rates in the coordinates of that one's parent.
+
+        With d from the parent's point to this body's, and what the body does relative to the parent turned along
+        (Goldstein, Classical Mechanics, sections 4.9 and 4.10),
+
+            x' = x_p' + w_p x d + d',    x'' = x_p'' + w_p' x d + w_p x (w_p x d) + 2 w_p x d' + d'',
+            w = w_p + w_r,    w' = w_p' + w_p x w_r + w_r',
+
+        of which every term is at most the product of the lengths in it.
+
+        Args:
+            parent: its rates over the same stretches.
+            pose: of the parent in the middle of each stretch, (k, 3), (k, 4).
+            long: of the stretches, (k,).
+        """
+        centre = pose[0] + rotations.rotate(pose[1], self.centre)
+        # seen from the parent, its own point stands still and this one is never further from its middle than this
+        arm = np.linalg.norm(centre - parent.centre, axis=1) + 0.5 * long * self.speed
+        return Rates(
+            centre,
+            parent.speed + parent.turning * arm + self.speed,
+            parent.acceleration
+            + (parent.turning_change + parent.turning**2) * arm
+            + 2.0 * parent.turning * self.speed
+            + self.acceleration,
+            parent.turning + self.turning,
+            parent.turning_change + parent.turning * self.turning + self.turning_change,
+        )
+
 
 @dataclass(frozen=True)
 class Hinge:
-    """Turning about a fixed line; at angle 0 body coordinates are world coordinates.
+    """Turning about a line that its parent holds; at angle 0 body coordinates are the parent's.
 
     Args:
         point: a point on the line, m.
@@ -81,7 +116,7 @@ class Hinge:
 
 @dataclass(frozen=True)
 class Slide:
-    """Straight motion without turning; at travel 0 body coordinates are world coordinates.
+    """Straight motion without turning; at travel 0 body coordinates are the parent's.
 
     Args:
         direction: any length.
@@ -191,18 +226,40 @@ class Poses:
 BodyMotion = Hinge | Slide | Poses
 
 
-WORLD = "world"
-
-
 @dataclass(frozen=True)
 class Body:
-    """A rigid body; without ``motion`` it stands still, its coordinates those of the world."""
+    """A rigid body.
+
+    Args:
+        motion: relative to its parent; without one it is fixed to it, its coordinates those of the parent.
+        parent: the body that carries it.
+    """
 
     motion: BodyMotion | None = None
+    parent: str = WORLD
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
-        """Return positions (P, 3) and quaternions (P, 4) at ``motion`` (P,) from 0 to 1."""
+        """Return positions (P, 3) and quaternions (P, 4) in its parent at ``motion`` (P,) from 0 to 1."""
         if self.motion is not None:
             return self.motion.poses(motion)
         count = len(np.atleast_1d(motion))
         return np.zeros((count, 3)), np.tile(rotations.IDENTITY, (count, 1))
+
+
+def composed(outer: tuple[Array, Array], inner: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the poses (P, 3), (P, 4) of what stands at ``inner`` in a body that itself stands at ``outer``."""
+    return outer[0] + rotations.rotate(outer[1], inner[0]), rotations.multiply(outer[1], inner[1])
+
+
+def chain(bodies: Mapping[str, Body], name: str) -> list[Body]:
+    """Return the body called ``name`` and those that carry it, the outermost first, the world left out.
+
+    Args:
+        bodies: by name; parents that are there, without a circle.
+        name: of one of them, or "world".
+    """
+    found: list[Body] = []
+    while name != WORLD:
+        found.append(bodies[name])
+        name = found[-1].parent
+    return found[::-1]

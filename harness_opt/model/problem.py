@@ -7,6 +7,7 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 from __future__ import annotations
 
 import copy
+import functools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
 from harness_opt.model.between import mistakes_of
-from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide
+from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, chain, composed
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.design import Design, Limits, Robust
@@ -91,21 +92,35 @@ class Problem:
     def poses(self, body: str, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of ``body`` at ``motion`` (P,) from 0 to 1, there and back."""
         at = np.asarray(motion, dtype=float)
-        return self.body(body).poses(1.0 - np.abs(2.0 * at - 1.0) if self.out_and_back else at)
+        return self._once(body, 1.0 - np.abs(2.0 * at - 1.0) if self.out_and_back else at)
+
+    def _once(self, body: str, motion: Array) -> tuple[Array, Array]:
+        """Return the poses of ``body`` in the world, on the way there."""
+        carried = chain(self.bodies, body)
+        if not carried:
+            return Body().poses(motion)
+        return functools.reduce(composed, (one.poses(motion) for one in carried))
 
     def rates(self, body: str, first: Array, last: Array) -> Rates:
         """Return bounds on how fast ``body`` moves from motion value ``first`` (k,) to ``last`` (k,).
 
         A motion there and back turns round at 0.5; no stretch may hold that value within it.
         """
-        moves = self.body(body).motion
-        if moves is None:
-            return Rates.steady(np.zeros(3), len(first))
         if not self.out_and_back:
-            return moves.rates(first, last)
+            return self._rates_once(body, first, last)
         there = np.sort(1.0 - np.abs(2.0 * np.stack([first, last]) - 1.0), axis=0)
-        once = moves.rates(there[0], there[1])
+        once = self._rates_once(body, there[0], there[1])
         return Rates(once.centre, 2 * once.speed, 4 * once.acceleration, 2 * once.turning, 4 * once.turning_change)
+
+    def _rates_once(self, body: str, first: Array, last: Array) -> Rates:
+        """Return bounds on how fast ``body`` moves in the world, on the way there."""
+        middle = 0.5 * (first + last)
+        rates, pose = Rates.steady(np.zeros(3), len(first)), Body().poses(middle)
+        for one in chain(self.bodies, body):
+            if one.motion is not None:  # what is fixed to its parent moves as that does
+                rates = one.motion.rates(first, last).carried(rates, pose, last - first)
+                pose = composed(pose, one.motion.poses(middle))
+        return rates
 
     def ends(self, cable: str, motion: ArrayLike) -> list[tuple[End, End]]:
         """Return the start and end of ``cable`` in world coordinates at each ``motion`` (P,) from 0 to 1."""
@@ -113,6 +128,10 @@ class Problem:
         start_poses = zip(*self.poses(run.start.body, motion), strict=True)
         end_poses = zip(*self.poses(run.end.body, motion), strict=True)
         return [(run.start.placed(*a), run.end.placed(*b)) for a, b in zip(start_poses, end_poses, strict=True)]
+
+    def is_moved(self, body: str) -> bool:
+        """Return whether ``body`` moves, by itself or with one that carries it."""
+        return any(one.motion is not None for one in chain(self.bodies, body))
 
     @property
     def moves(self) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from harness_opt.clearance.what_counts import let_off_length
-from harness_opt.model.bodies import WORLD, Body, Hinge, Slide
+from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
@@ -123,7 +123,10 @@ def _end(end: End) -> Json:
 
 
 def _body(body: Body) -> Json:
-    motion = body.motion
+    return {"parent": body.parent, **_body_motion(body.motion)}
+
+
+def _body_motion(motion: BodyMotion | None) -> Json:
     if motion is None:
         return {"kind": "still"}
     if isinstance(motion, Hinge):
@@ -299,8 +302,9 @@ def _body_lines(content: Mapping[str, Any]) -> Iterator[str]:
         elif body["kind"] == "poses":
             words = f"follows the {body['count']} poses of {body['file'] or 'a table'}"
         else:
-            words = "stands still"
-        yield f"Body {name}: {words}."
+            words = "stands still" if body["parent"] == WORLD else "is fixed"
+        carried = "" if body["parent"] == WORLD else f", on {body['parent']}"
+        yield f"Body {name}{carried}: {words}."
 
 
 def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:

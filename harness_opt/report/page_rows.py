@@ -10,7 +10,7 @@ import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import LimitEntry, Summary, limit_of, moments_of
-from harness_opt.model.bodies import Hinge, Poses, Slide
+from harness_opt.model.bodies import WORLD, BodyMotion, Hinge, Poses, Slide
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.problem import Moments, Problem, travels
@@ -358,7 +358,12 @@ def roll_words(end: End) -> str:
 
 def motion_words(problem: Problem, name: str) -> str:
     """Return how a body moves: about which line, or which way."""
-    motion = problem.body(name).motion
+    body = problem.body(name)
+    words = _own_motion_words(body.motion)
+    return words if body.parent == WORLD else f"{words}, on {body.parent}"
+
+
+def _own_motion_words(motion: BodyMotion | None) -> str:
     if isinstance(motion, Hinge):
         return f"turns about {_numbers(motion.axis)} through {_numbers(1e3 * np.asarray(motion.point))} mm"
     if isinstance(motion, Slide):

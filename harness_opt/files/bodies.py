@@ -1,18 +1,22 @@
-"""The CSV table of a body's poses: reading, with every mistake named by its line, and writing."""
+"""The bodies of a problem file: their keys, what their motions are read to, and the CSV tables that these name."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, TypeAdapter, ValidationError
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.values import QUATERNION_TOLERANCE
-from harness_opt.model.bodies import SHORTEST, Poses
-from harness_opt.model.checks import LARGEST, shown
+from harness_opt.files.places import MEGABYTE, Places
+from harness_opt.files.values import QUATERNION_TOLERANCE, Digest, Direction, Number, Table, Text, Vector
+from harness_opt.model.between import Tree, table
+from harness_opt.model.bodies import SHORTEST, WORLD, BodyMotion, Hinge, Poses, Slide
+from harness_opt.model.checks import LARGEST, Mistake, shown
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -20,6 +24,98 @@ HEADER = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 GAP = 10.0  # a time interval this many medians long is a gap: a spline would invent the motion in it
 MOST_LINES = 100_000  # a thousand a second for more than a minute; more take long and tell nothing more
 MOST_MISTAKES = 10  # a table with the wrong columns is wrong in every line; the first few tell it
+MOST_TABLE_BYTES = 20 * MEGABYTE  # a hundred thousand rows of eight doubles
+
+
+class HingeTable(Table):
+    """Turning about a fixed line; at angle 0 body coordinates are the parent's, the world's where none is named."""
+
+    kind: Literal["hinge"] = Field(description="Turning about a fixed line.")
+    point: Vector = Field(description="A point on the line, m.")
+    axis: Direction = Field(description="Direction of the line, any length.")
+    from_deg: Number = Field(description="First angle, degrees.")
+    to_deg: Number = Field(description="Last angle, degrees.")
+
+
+class SlideTable(Table):
+    """Straight motion without turning; at travel 0 body coordinates are the parent's, the world's if it has none."""
+
+    kind: Literal["slide"] = Field(description="Straight motion without turning.")
+    direction: Direction = Field(description="Direction of travel, any length.")
+    from_: Number = Field(alias="from", description="First travel, m.")
+    to: Number = Field(description="Last travel, m.")
+
+
+class PosesTable(Table):
+    """A tabulated motion in the parent: positions by a cubic spline, rotations by a smooth one on the sphere."""
+
+    kind: Literal["poses"] = Field(description="A table of poses.")
+    file: Text = Field(
+        description="CSV with the header t,x,y,z,qw,qx,qy,qz (s, m, unit quaternion), relative to this file."
+    )
+    file_sha256: Digest | None = Field(
+        default=None,
+        description="SHA-256 of the table; with it, the table may lie outside this file's folder.",
+    )
+
+
+MotionTable = Annotated[HingeTable | SlideTable | PosesTable, Field(discriminator="kind")]
+MOTION_KINDS = ("hinge", "slide", "poses")
+_MOTION: TypeAdapter[Any] = TypeAdapter(MotionTable)
+
+
+class BodyTable(Table):
+    """A rigid body; without a motion it is fixed to its parent, its coordinates those of the parent."""
+
+    parent: Text = Field(
+        default="world", description="Name of the body that carries it; its motion is relative to that one."
+    )
+    motion: MotionTable | None = Field(default=None, description="How the body moves: hinge, slide or poses.")
+
+
+# --- reading -------------------------------------------------------------------------------------------
+
+
+def motions_of(
+    tree: Tree, places: Places, pending: Mapping[Path, bytes]
+) -> tuple[dict[str, BodyMotion | None], list[Mistake]]:
+    """Return the motions of all bodies whose tables are in order, and the mistakes in tables of poses."""
+    motions: dict[str, BodyMotion | None] = {WORLD: None}
+    mistakes: list[Mistake] = []
+    for name in table(tree, "bodies"):
+        body = tree["bodies"][name]
+        if name == WORLD or not isinstance(body, Mapping):
+            continue
+        if "motion" not in body:
+            motions[name] = None
+            continue
+        try:
+            motion = _MOTION.validate_python(body["motion"])
+        except ValidationError:
+            continue  # named already when the whole file was structured
+        try:
+            motions[name] = _motion(motion, places, pending)
+        except ProblemError as error:
+            path = ("bodies", name, "motion", "file")
+            mistakes.extend((path, line) for line in error.mistakes)
+    return motions, mistakes
+
+
+def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyMotion:
+    if isinstance(motion, HingeTable):
+        return Hinge(motion.point, motion.axis, math.radians(motion.from_deg), math.radians(motion.to_deg))
+    if isinstance(motion, SlideTable):
+        return Slide(motion.direction, motion.from_, motion.to)
+    file = places.located(motion.file)
+    if file in pending:
+        return parse_poses(pending[file], file)
+    why = places.fault(motion.file, "a table of poses", motion.file_sha256, MOST_TABLE_BYTES)
+    if why:
+        raise ProblemError(why)
+    return parse_poses(file.read_bytes(), file)
+
+
+# --- CSV tables ---------------------------------------------------------------------------------------
 
 
 def parse_poses(content: bytes, file: Path) -> Poses:
