@@ -119,7 +119,7 @@ def _values(full: Any, path: KeyPath = ()) -> Iterator[Quantity]:
             yield Quantity(dotted(here), here, value)
         if isinstance(value, Mapping):
             yield from _values(value, here)
-        elif isinstance(value, (list, tuple)):
+        elif isinstance(value, (list, tuple)) and not any(isinstance(entry, Mapping) for entry in value):
             names = COMPONENTS.get(len(value), [str(i) for i in range(len(value))])
             for i, (letter, entry) in enumerate(zip(names, value, strict=True)):
                 yield Quantity(f"{dotted(here)}.{letter}", here, entry, i)

@@ -28,9 +28,10 @@ from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.between import mistakes_between
-from harness_opt.model.bodies import Body, BodyMotion
+from harness_opt.model.bodies import Body, BodyMotion, Hinge, Slide, seconds_of
 from harness_opt.model.cable import Cable, CableRun, End
-from harness_opt.model.checks import coupling, dotted, shown
+from harness_opt.model.checks import Mistake, coupling, dotted, shown
+from harness_opt.model.courses import Moves
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
@@ -45,6 +46,7 @@ LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PA
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
 _OWN, _OF_A_STUDY = {"cables", "bodies", "parts"}, {"vary", "variants", "problem"}  # tables of either kind of file
 NEAR = 20  # letters that are shown around one that cannot be written
+CLOCK = 1e-9  # of a motion's seconds, by which two of them differ in rounding
 MOST_MISTAKES = 200  # that are told one by one
 
 
@@ -152,6 +154,10 @@ def problem_from(
     mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
     motions, wrong = motions_of(tree, places, pending or {})
     mistakes += wrong
+    duration = 1.0
+    if tables is not None:
+        motions, duration, wrong = on_one_clock(motions, tables.motion)
+        mistakes += wrong
     if tables is not None and tables.robust is not None:
         mistakes += robust_mistakes(tables, tables.robust)
     if mistakes or tables is None:
@@ -159,7 +165,7 @@ def problem_from(
         left = len(mistakes) - len(lines)
         raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
     with naming(file):
-        return _problem(tables, motions, places, file)
+        return _problem(tables, motions, duration, places, file)
 
 
 @contextlib.contextmanager
@@ -172,7 +178,11 @@ def naming(file: Path) -> Iterator[None]:
 
 
 def _problem(
-    tables: file_schema.ProblemTable, motions: Mapping[str, BodyMotion | None], places: Places, file: Path
+    tables: file_schema.ProblemTable,
+    motions: Mapping[str, BodyMotion | None],
+    duration: float,
+    places: Places,
+    file: Path,
 ) -> Problem:
     return Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
@@ -182,7 +192,7 @@ def _problem(
         limits=_limits(tables),
         design=_design(tables.design),
         robust=_robust(tables.robust),
-        duration=tables.motion.duration,
+        duration=duration,
         out_and_back=tables.motion.out_and_back,
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
@@ -246,6 +256,35 @@ def _syntax_words(message: str, text: str) -> str:
 
 def _lowered(words: str) -> str:
     return words[:1].lower() + words[1:]
+
+
+def on_one_clock(
+    motions: Mapping[str, BodyMotion | None], path: file_schema.PathTable
+) -> tuple[dict[str, BodyMotion | None], float, list[Mistake]]:
+    """Return the motions, with moves that end first at rest until all have ended; the duration; and mistakes.
+
+    The duration is that of the longest moves or table of values where it is left out, twice that there and back.
+    """
+    times = 2.0 if path.out_and_back else 1.0
+    told = {name: seconds_of(one) for name, one in motions.items() if isinstance(one, (Hinge, Slide))}
+    seconds = {name: second for name, second in told.items() if second is not None}
+    duration = path.duration
+    if seconds and "duration" not in path.model_fields_set:
+        duration = times * max(seconds.values())
+    found, mistakes = dict(motions), list[Mistake]()
+    for name, second in seconds.items():
+        one = motions[name]
+        if not isinstance(one, (Hinge, Slide)) or not isinstance(one.follows, Moves):
+            continue
+        rest = duration / times - second
+        if rest < -CLOCK * second:
+            words = f"expected at least {times * second:.6g}, the seconds of the moves of {name}"
+            mistakes.append((("motion", "duration"), f"found {shown(duration)}, {words}"))
+        elif rest > CLOCK * second:
+            last = one.follows.moves[-1]
+            moves = (*one.follows.moves[:-1], dataclasses.replace(last, dwell=last.dwell + rest))
+            found[name] = dataclasses.replace(one, follows=Moves(one.follows.begin, moves))
+    return found, duration, mistakes
 
 
 def _cable_run(cable: file_schema.CableTable) -> CableRun:

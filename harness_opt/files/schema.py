@@ -217,7 +217,9 @@ class LimitsTable(Table):
 class PathTable(Table):
     """The motion as a whole."""
 
-    duration: Positive = Field(default=1.0, description="For playback, s.")
+    duration: Positive = Field(
+        default=1.0, description="For playback, s; left out, that of the longest moves or table of values."
+    )
     out_and_back: Flag = Field(
         default=False, description="Whether the bodies go through their motions until half-way and then back."
     )
@@ -319,6 +321,8 @@ def schema() -> dict[str, Any]:
 
 
 def _copied(value: Any) -> Any:
+    if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):  # [[tables]] in a row
+        return [_copied(item) for item in value]
     return {key: _copied(item) for key, item in value.items()} if isinstance(value, Mapping) else value
 
 
@@ -326,12 +330,12 @@ def _mistake(tree: dict[str, Any], error: Any) -> Mistake:
     """Return ``error`` in words, and put :data:`INVALID` in its place in ``tree``."""
     path = _path(tree, error)
     value, words = error["input"], error["msg"]
-    parent = tree
+    parent: Any = tree
     for key in path[:-1]:
-        parent = parent[key]
+        parent = parent[int(key) if isinstance(parent, list) else key]
     if error["type"] == "nothing":
         return path, f"found nothing, expected {words}"
-    parent[path[-1]] = INVALID
+    parent[int(path[-1]) if isinstance(parent, list) else path[-1]] = INVALID
     if error["type"] == "unknown":
         return path, f"found an unknown key, expected {words}"
     if error["type"] == "kind":
@@ -339,10 +343,15 @@ def _mistake(tree: dict[str, Any], error: Any) -> Mistake:
         found = "nothing" if kind is None else shown(kind)
         return (*path, "kind"), f"found {found}, expected {one_of(MOTION_KINDS, kind)}"
     if error["type"] == "too_short":
-        return path, "found an empty table, expected at least one cable"
+        found, one = ("an empty table", "cable") if path == ("cables",) else (shown(value), "table")
+        return path, f"found {found}, expected at least one {one}"
     if path[:2] == ("design", "variables") and isinstance(value, Mapping):
         words += f", behind a name in quotes such as {json.dumps(path[2] + '.length')}"
     return path, f"found {shown(value)}, expected {words}"
+
+
+def _of_tables(node: Any) -> bool:
+    return isinstance(node, list) and any(isinstance(item, dict) for item in node)
 
 
 def _path(tree: dict[str, Any], error: Any) -> KeyPath:
@@ -350,7 +359,7 @@ def _path(tree: dict[str, Any], error: Any) -> KeyPath:
     node: Any = tree
     path: list[str] = []
     for step in error["loc"]:
-        if isinstance(node, dict) and step in node:
+        if (isinstance(node, dict) and step in node) or (_of_tables(node) and isinstance(step, int)):
             node = node[step]
             path.append(str(step))
     if error["type"] == "nothing":

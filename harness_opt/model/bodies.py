@@ -6,6 +6,7 @@ A body that another one carries moves relative to that: its poses and its motion
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.checks import Quaternion, Vector
+from harness_opt.model.courses import Course, ValueTable, increasing
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RotationSpline
 
 WORLD = "world"
-SHORTEST = 1e-9  # s between two rows of a table: no motion is told more finely, and speeds stay numbers
 RATE_MARGIN = 1.1  # angular acceleration is not linear between those samples; sizes and angles there are
 
 
@@ -89,29 +90,32 @@ class Hinge:
     Args:
         point: a point on the line, m.
         axis: its direction, any length.
-        start, stop: first and last angle, rad.
+        start, stop: first and last angle, rad; where it follows a course, they are that one's.
+        follows: a course of the angle; None goes evenly from first to last.
     """
 
     point: Vector
     axis: Vector
-    start: float
-    stop: float
+    start: float = math.nan
+    stop: float = math.nan
+    follows: Course | None = None
 
     def __post_init__(self) -> None:
         checks.numbers("point", self.point, 3)
         checks.direction("axis", self.axis)
-        checks.numbers("start, stop", (self.start, self.stop), 2)
+        _set_ends(self)
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
-        angle = self.start + np.atleast_1d(motion) * (self.stop - self.start)
+        angle = _values(self, motion)
         q = rotations.from_rotation_vector(angle[:, None] * rotations.normalise(self.axis))
         point = np.asarray(self.point)
         return point - rotations.rotate(q, point), q
 
     def rates(self, first: Array, last: Array) -> Rates:
         """Return the exact rates from ``first`` (k,) to ``last`` (k,), about the line that stands still."""
-        return Rates.steady(self.point, len(first), turning=abs(self.stop - self.start))
+        turning, change = _value_rates(self, first, last)
+        return replace(Rates.steady(self.point, len(first)), turning=turning, turning_change=change)
 
 
 @dataclass(frozen=True)
@@ -120,27 +124,56 @@ class Slide:
 
     Args:
         direction: any length.
-        start, stop: first and last travel along it, m.
+        start, stop: first and last travel along it, m; where it follows a course, they are that one's.
+        follows: a course of the travel; None goes evenly from first to last.
     """
 
     direction: Vector
-    start: float
-    stop: float
+    start: float = math.nan
+    stop: float = math.nan
+    follows: Course | None = None
 
     def __post_init__(self) -> None:
         checks.direction("direction", self.direction)
-        checks.numbers("start, stop", (self.start, self.stop), 2)
+        _set_ends(self)
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
-        travel = self.start + np.atleast_1d(motion) * (self.stop - self.start)
+        travel = _values(self, motion)
         position = travel[:, None] * rotations.normalise(self.direction)
         return position, np.tile(rotations.IDENTITY, (len(travel), 1))
 
     def rates(self, first: Array, last: Array) -> Rates:
         """Return the exact rates from ``first`` (k,) to ``last`` (k,)."""
-        steady = Rates.steady(np.zeros(3), len(first), speed=abs(self.stop - self.start))
-        return replace(steady, centre=self.poses(0.5 * (first + last))[0])
+        speed, change = _value_rates(self, first, last)
+        middle = self.poses(0.5 * (first + last))[0]
+        return replace(Rates.steady(np.zeros(3), len(first)), centre=middle, speed=speed, acceleration=change)
+
+
+def _set_ends(motion: Hinge | Slide) -> None:
+    """Take the first and the last value of a course that is followed; refuse those that are no numbers."""
+    if motion.follows is not None:
+        if not isinstance(motion.follows, Course):
+            found = type(motion.follows).__name__
+            raise ProblemError(f"follows: found {found}, expected a ValueTable or Moves")
+        for name, value in zip(("start", "stop"), motion.follows.values([0.0, 1.0]), strict=True):
+            object.__setattr__(motion, name, float(value))
+    checks.numbers("start, stop", (motion.start, motion.stop), 2)
+
+
+def _values(moved: Hinge | Slide, motion: ArrayLike) -> Array:
+    """Return the angles or travels (P,) at ``motion`` (P,) from 0 to 1."""
+    if moved.follows is not None:
+        return moved.follows.values(motion)
+    even: Array = moved.start + np.atleast_1d(motion) * (moved.stop - moved.start)
+    return even
+
+
+def _value_rates(moved: Hinge | Slide, first: Array, last: Array) -> tuple[Array, Array]:
+    """Return the most of speed and acceleration (k,) of the angle or the travel over stretches (k,)."""
+    if moved.follows is not None:
+        return moved.follows.rates(first, last)
+    return np.full(len(first), abs(moved.stop - moved.start)), np.zeros(len(first))
 
 
 @dataclass(frozen=True)
@@ -160,15 +193,11 @@ class Poses:
     file: Path | None = None
 
     def __post_init__(self) -> None:
-        times = np.asarray(self.times, dtype=float)
-        if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
-            raise ProblemError("times: expected at least two increasing numbers")
-        if not float(np.min(np.diff(times))) >= SHORTEST:
-            raise ProblemError(f"times: expected at least {SHORTEST:g} s between two")
+        times = increasing(self.times)
         if np.shape(self.positions) != (len(times), 3) or np.shape(self.quaternions) != (len(times), 4):
             raise ProblemError("positions, quaternions: expected one row a time")
-        if not (np.all(np.isfinite(times)) and np.all(np.isfinite(self.positions))):
-            raise ProblemError("times, positions: expected finite numbers")
+        if not np.all(np.isfinite(self.positions)):
+            raise ProblemError("positions: expected finite numbers")
         for q in self.quaternions:
             checks.quaternion("quaternions", q)
 
@@ -238,12 +267,40 @@ class Body:
     motion: BodyMotion | None = None
     parent: str = WORLD
 
+    @property
+    def table(self) -> Path | None:
+        """The file of the table that its motion was read from."""
+        found = _told_by(self.motion)
+        return None if found is None else found.file
+
+    @property
+    def without_file(self) -> Body:
+        """The same body, its table in no file."""
+        found = _told_by(self.motion)
+        if found is None:
+            return self
+        told = replace(found, file=None)
+        return replace(self, motion=told if isinstance(told, Poses) else replace(self.motion, follows=told))  # type: ignore[type-var]
+
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) in its parent at ``motion`` (P,) from 0 to 1."""
         if self.motion is not None:
             return self.motion.poses(motion)
         count = len(np.atleast_1d(motion))
         return np.zeros((count, 3)), np.tile(rotations.IDENTITY, (count, 1))
+
+
+def _told_by(motion: BodyMotion | None) -> Poses | ValueTable | None:
+    """Return the table that tells a motion."""
+    told = motion.follows if isinstance(motion, (Hinge, Slide)) else motion
+    return told if isinstance(told, (Poses, ValueTable)) else None
+
+
+def seconds_of(motion: BodyMotion | None) -> float | None:
+    """Return the seconds that a motion is told in, a table's or those of moves; None where it goes evenly."""
+    if isinstance(motion, Poses):
+        return motion.times[-1] - motion.times[0]
+    return None if motion is None or motion.follows is None else motion.follows.seconds
 
 
 def composed(outer: tuple[Array, Array], inner: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from harness_opt.model.between import mistakes_of
 from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, chain, composed
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
+from harness_opt.model.courses import polyline
 from harness_opt.model.design import Design, Limits, Robust
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.numerics import rotations
@@ -180,9 +181,7 @@ def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) ->
 def input_files(problem: Problem) -> list[Path]:
     """Return the files that ``problem`` was read from and still needs."""
     files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
-    files += [
-        body.motion.file for body in problem.bodies.values() if isinstance(body.motion, Poses) and body.motion.file
-    ]
+    files += [body.table for body in problem.bodies.values() if body.table is not None]
     return [*files, problem.file] if problem.file else files
 
 
@@ -239,22 +238,27 @@ def turns_about_its_clamps(problem: Problem, cable: str) -> bool:
 
 @dataclass(frozen=True)
 class Travel:
-    """The way of one body, which goes evenly with the motion value.
+    """The way of one body, which goes evenly with the motion value, or through places of its own.
 
     Args:
         body: its name; empty for the time of the whole motion.
         unit: "deg", "mm" or "s".
         start, stop: where it begins and ends, in that unit.
+        shares, values: motion values and where it is there, straight between; empty where it goes evenly.
     """
 
     body: str
     unit: str
     start: float
     stop: float
+    shares: Sequence[float] = ()
+    values: Sequence[float] = ()
 
     def at(self, share: float) -> str:
-        """Return where it is at ``share`` of its way, 0 to 1, in words: ``55.0 deg``."""
+        """Return where it is at ``share`` of the motion, 0 to 1, in words: ``55.0 deg``."""
         value = self.start + share * (self.stop - self.start)
+        if self.shares:
+            value = float(np.interp(share, self.shares, self.values))
         return f"{value:.{DIGITS[self.unit]}f} {self.unit}".replace("-0.0 ", "0.0 ")
 
 
@@ -264,12 +268,24 @@ def travels(problem: Problem) -> tuple[Travel, ...]:
     for name, body in problem.bodies.items():
         motion = body.motion
         if isinstance(motion, Hinge):
-            found.append(Travel(name, "deg", math.degrees(motion.start), math.degrees(motion.stop)))
+            found.append(_travel(name, "deg", motion))
         elif isinstance(motion, Slide):
-            found.append(Travel(name, "mm", 1e3 * motion.start, 1e3 * motion.stop))
+            found.append(_travel(name, "mm", motion))
         elif isinstance(motion, Poses):
             found.append(Travel(name, "s", motion.times[0], motion.times[-1]))
     return tuple(found)
+
+
+def _travel(name: str, unit: str, motion: Hinge | Slide) -> Travel:
+    """Return the way of a body on a hinge or a slide: to half of the last digit that is told of it."""
+    start, stop = (math.degrees(end) if unit == "deg" else 1e3 * end for end in (motion.start, motion.stop))
+    if motion.follows is None:
+        return Travel(name, unit, start, stop)
+    factor = {"deg": math.degrees(1.0), "mm": 1e3}[unit]
+    at, values = polyline(motion.follows, 0.5 * 10.0 ** -DIGITS[unit] / factor)
+    return Travel(
+        name, unit, start, stop, tuple(np.round(at, 6).tolist()), tuple(np.round(factor * values, 4).tolist())
+    )
 
 
 @dataclass(frozen=True)

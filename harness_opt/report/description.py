@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from harness_opt.clearance.what_counts import let_off_length
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
 from harness_opt.model.cable import CableRun, End
+from harness_opt.model.courses import Course, Moves, ValueTable
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
 from harness_opt.model.limits import LimitKind
@@ -131,18 +132,31 @@ def _body_motion(motion: BodyMotion | None) -> Json:
         return {"kind": "still"}
     if isinstance(motion, Hinge):
         angles = [math.degrees(motion.start), math.degrees(motion.stop)]
-        return {"kind": "hinge", "point": list(motion.point), "axis": list(motion.axis), "angles_deg": angles}
+        line = {"kind": "hinge", "point": list(motion.point), "axis": list(motion.axis), "angles_deg": angles}
+        return line | _course(motion.follows)
     if isinstance(motion, Slide):
         return {
             "kind": "slide",
             "direction": list(motion.direction),
             "travel": [motion.start, motion.stop],
+            **_course(motion.follows),
         }
     return {
         "kind": "poses",
         "count": len(motion.times),
         "file": None if motion.file is None else motion.file.name,
     }
+
+
+def _course(course: Course | None) -> Json:
+    """Return what a hinge or a slide follows; nothing where it goes evenly."""
+    if course is None:
+        return {}
+    told: Json = {"seconds": course.seconds, "range": list(course.range)}
+    if isinstance(course, ValueTable):
+        file = None if course.file is None else course.file.name
+        return {"follows": told | {"count": len(course.times), "file": file}}
+    return {"follows": told | {"moves": len(course.moves) if isinstance(course, Moves) else 0}}
 
 
 def _part(problem: Problem, name: str, part: Part, geometry: Geometry) -> Json:
@@ -295,16 +309,31 @@ def _body_lines(content: Mapping[str, Any]) -> Iterator[str]:
             point = f"the point {_place(body['point'])} mm"
             axis = f"the axis {_direction(body['axis'])}"
             start, stop = body["angles_deg"]
-            words = f"turns about {axis} through {point}, from {start:g} to {stop:g} deg"
+            words = f"turns about {axis} through {point}, from {start:.6g} to {stop:.6g} deg"
+            words += _follows_words(body, lambda angle: f"{math.degrees(angle):.6g}", "deg")
         elif body["kind"] == "slide":
             start, stop = (_mm(travel) for travel in body["travel"])
             words = f"slides along {_direction(body['direction'])}, from {start} to {stop} mm"
+            words += _follows_words(body, _mm, "mm")
         elif body["kind"] == "poses":
             words = f"follows the {body['count']} poses of {body['file'] or 'a table'}"
         else:
             words = "stands still" if body["parent"] == WORLD else "is fixed"
         carried = "" if body["parent"] == WORLD else f", on {body['parent']}"
         yield f"Body {name}{carried}: {words}."
+
+
+def _follows_words(body: Mapping[str, Any], number: Callable[[float], str], unit: str) -> str:
+    """Return the words for a course that a hinge or a slide follows."""
+    course = body.get("follows")
+    if course is None:
+        return ""
+    low, high = (number(value) for value in course["range"])
+    if "count" in course:
+        by = f"the {course['count']} rows of {course['file'] or 'a table'}"
+    else:
+        by = "one move" if course["moves"] == 1 else f"{course['moves']} moves"
+    return f", by {by} in {course['seconds']:.6g} s, within {low} and {high} {unit}"
 
 
 def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from harness_opt.files.summary import path_entry
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Hinge
 from harness_opt.model.cable import CableRun, End
@@ -107,7 +107,7 @@ def _data(problem: Problem, scene: Scene, odd_parts: set[str | None], odd_clamps
         "scales": {},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "path": dataclasses.asdict(Moments.of(problem)),
+        "path": path_entry(Moments.of(problem)),
         "worst": 0.0,
         "begin": 0.0,
         "rows": [],

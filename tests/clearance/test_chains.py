@@ -25,14 +25,21 @@ def hinge(rng, reach: float = 0.1) -> ho.Hinge:
     return ho.Hinge(tuple(rng.uniform(-reach, reach, 3)), tuple(rng.normal(size=3)), *rng.uniform(-0.8, 0.8, 2))
 
 
+def moves(rng) -> ho.Hinge:
+    """A hinge that turns, rests and turns back."""
+    steps = (ho.Move(rng.uniform(0.3, 0.9), 1.0, 0.3), ho.Move(rng.uniform(-0.9, 0.0), 1.5))
+    return ho.Hinge(tuple(rng.uniform(-0.1, 0.1, 3)), tuple(rng.normal(size=3)), follows=ho.Moves(0.0, steps))
+
+
+@pytest.mark.parametrize("last", [hinge, moves])
 @pytest.mark.parametrize("rides", [False, True])
-def test_a_part_three_bodies_out_is_certain_between_seven_frames(rides, rng):
+def test_a_part_three_bodies_out_is_certain_between_seven_frames(rides, last, rng):
     """``rides``: the clamps are on another body of the same chain, the part's grandparent."""
     motion, s, times = np.linspace(0, 1, 7), np.linspace(0, LENGTH, 201), np.linspace(0, 1, 401)
     for kind in ("box", "capsule", "cylinder"):
         story = Story(rng)
         slide = ho.Slide(tuple(rng.normal(size=3)), -0.03, 0.04)
-        bodies = {"a": ho.Body(hinge(rng)), "b": ho.Body(slide, "a"), "c": ho.Body(hinge(rng), "b")}
+        bodies = {"a": ho.Body(hinge(rng)), "b": ho.Body(slide, "a"), "c": ho.Body(last(rng), "b")}
         parts = {"part": ho.Part(SHAPES[kind], "c", position=tuple(rng.uniform(-0.05, 0.05, 3)), clearance=0.004)}
         own = runs(bodies=("a", "a") if rides else ("world", "world"))
         problem = ho.Problem(own, bodies, parts)

@@ -83,13 +83,25 @@ def closed_form(bodies: dict[str, ho.Body], motion: float) -> np.ndarray:
     return found
 
 
+def random_course(rng) -> ho.ValueTable | ho.Moves:
+    """Return a table of values or moves, about a unit large."""
+    if rng.integers(2):
+        count = int(rng.integers(2, 8))
+        times = np.cumsum(rng.uniform(0.3, 1.0, count)) - 1.0
+        return ho.ValueTable(tuple(times.tolist()), tuple(rng.normal(size=count).tolist()))
+    moves = [
+        ho.Move(rng.normal(), rng.uniform(0.3, 2.0), rng.choice([0.0, 0.4])) for _ in range(int(rng.integers(1, 4)))
+    ]
+    return ho.Moves(rng.normal(), tuple(moves))
+
+
 def random_motion(rng) -> ho.Hinge | ho.Slide | ho.Poses:
-    """Return a hinge, a slide or a table of poses, about a metre large."""
-    kind = rng.integers(3)
-    if kind == 0:
-        return ho.Hinge(tuple(rng.normal(size=3)), tuple(rng.normal(size=3)), *rng.uniform(-4, 4, 2).tolist())
-    if kind == 1:
-        return ho.Slide(tuple(rng.normal(size=3)), *rng.uniform(-1, 1, 2).tolist())
+    """Return a hinge, a slide or a table of poses, about a metre large; hinges and slides even or by a course."""
+    kind = rng.integers(5)
+    if kind < 4:
+        line = (tuple(rng.normal(size=3)), tuple(rng.normal(size=3))) if kind % 2 else (tuple(rng.normal(size=3)),)
+        motion = ho.Hinge if kind % 2 else ho.Slide
+        return motion(*line, *rng.uniform(-1, 1, 2).tolist(), follows=random_course(rng) if kind < 2 else None)
     count = int(rng.integers(2, 8))
     turns = rotations.from_rotation_vector(np.cumsum(rng.normal(size=(count, 3)), axis=0) * 0.4)
     return ho.Poses(
