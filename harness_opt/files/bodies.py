@@ -21,6 +21,7 @@ from harness_opt.files.values import (
     NotNegative,
     Number,
     Positive,
+    Quaternion,
     Table,
     Text,
     TravelUnit,
@@ -125,10 +126,16 @@ _MOTION: TypeAdapter[Any] = TypeAdapter(MotionTable)
 
 
 class BodyTable(Table):
-    """A rigid body; without a motion it is fixed to its parent, its coordinates those of the parent."""
+    """A rigid body; without a motion it is fixed to its parent."""
 
     parent: Text = Field(
         default="world", description="Name of the body that carries it; its motion is relative to that one."
+    )
+    position: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="Where its origin stands in the parent when its motion is at 0, m."
+    )
+    quaternion: Quaternion = Field(
+        default=(1.0, 0.0, 0.0, 0.0), description="How it stands there, scalar first; left out, as the parent."
     )
     motion: MotionTable | None = Field(default=None, description="How the body moves: hinge, slide or poses.")
 

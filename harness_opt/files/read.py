@@ -186,7 +186,10 @@ def _problem(
 ) -> Problem:
     return Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
-        bodies={name: Body(motions[name], body.parent) for name, body in tables.bodies.items()},
+        bodies={
+            name: Body(motions[name], body.parent, body.position, body.quaternion)
+            for name, body in tables.bodies.items()
+        },
         parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
         limits=_limits(tables),
@@ -323,7 +326,7 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up, part.mesh_scale)
 
 
 def _limits(tables: file_schema.ProblemTable) -> Limits:

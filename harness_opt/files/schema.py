@@ -28,6 +28,7 @@ from harness_opt.files.values import (
     Positive,
     Quaternion,
     RollWord,
+    Scale,
     Seed,
     Share,
     Size,
@@ -162,7 +163,7 @@ class PartTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [{"required": [shape]} for shape in PART_SHAPES],
-            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell", "up")},
+            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_scale", "mesh_sha256", "shell", "up")},
             "if": {
                 "required": ["mesh"],
                 "properties": {"mesh": {"pattern": r"\.([sS][tT][lL]|[oO][bB][jJ]|[pP][lL][yY])$"}},
@@ -176,6 +177,9 @@ class PartTable(Table):
     mesh_unit: MeshUnit | None = Field(
         default=None,
         description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
+    )
+    mesh_scale: Scale = Field(
+        default=(1.0, 1.0, 1.0), description="By which its x, y and z are multiplied; below 0 mirrors."
     )
     mesh_sha256: Digest | None = Field(
         default=None,

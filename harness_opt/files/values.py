@@ -67,6 +67,12 @@ def _nonzero(v: tuple[float, ...]) -> tuple[float, ...]:
     return v
 
 
+def _no_zeros(v: tuple[float, ...]) -> tuple[float, ...]:
+    if not all(abs(number) >= SMALLEST for number in v):
+        raise PydanticCustomError("expected", "three numbers that are not 0")
+    return v
+
+
 def _bounded(number: float) -> float:
     if abs(number) > LARGEST:
         raise PydanticCustomError("expected", "a number")
@@ -124,6 +130,7 @@ Bounds = Annotated[
 RollWord = Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted", "free")))]
 MotionValue = Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")]
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]
+Scale = Annotated[_Triple, Expected("[x, y, z], three numbers that are not 0"), AfterValidator(_no_zeros)]
 AngleUnit = Annotated[Literal["rad", "deg"], Expected(one_of(("rad", "deg")))]
 TravelUnit = Annotated[Literal["m", "mm"], Expected(one_of(("m", "mm")))]
 UpAxis = Annotated[Literal["y", "z"], Expected(one_of(UP_AXES))]

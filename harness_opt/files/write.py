@@ -169,12 +169,17 @@ def _end(end: End) -> InlineTable:
 
 
 def _body(name: str, body: Body, file: Path, pending: dict[Path, bytes]) -> Table:
-    carried = body.parent != WORLD
-    table = tomlkit.table(is_super_table=body.motion is not None and not carried)
-    _fill(table, [("parent", body.parent if carried else None, "")])
+    rows: Rows = [
+        ("parent", body.parent if body.parent != WORLD else None, ""),
+        ("position", _numbers(body.position) if any(body.position) else None, "m"),
+        ("quaternion", None if tuple(body.quaternion) == rotations.IDENTITY else _numbers(body.quaternion), ""),
+    ]
+    given = any(value is not None for _, value, _ in rows)
+    table = _fill(tomlkit.table(is_super_table=body.motion is not None and not given), rows)
     if body.motion is not None:
         table.add("motion", _fill(tomlkit.table(), _motion_rows(name, body.motion, file, pending)))
-    return table
+    found: Table = table
+    return found
 
 
 def _motion_rows(name: str, motion: BodyMotion, file: Path, pending: dict[Path, bytes]) -> Rows:
@@ -262,6 +267,7 @@ def _shape_rows(shape: MeshFile | Solid, places: Places) -> Rows:
         return [
             ("mesh", _relative(shape.path, places.folder), ""),
             ("mesh_unit", shape.unit, ""),
+            ("mesh_scale", None if tuple(shape.scale) == (1.0, 1.0, 1.0) else _numbers(shape.scale), ""),
             ("mesh_sha256", places.sha256_of(shape.path), ""),
             ("shell", True if shape.shell else None, ""),
             ("up", shape.up, ""),

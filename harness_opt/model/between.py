@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
+from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import Cable, CableRun, End
@@ -306,6 +307,11 @@ def mistakes_of(problem: Any) -> list[str]:
         if limit is not None:
             with found:
                 checks.positive(f"limits.{name}", limit, zero=name in AT_LEAST_0)
+    for name, body in problem.bodies.items():
+        with found:
+            checks.numbers(f"{dotted(('bodies', name))}.position", body.position, 3)
+        with found:
+            checks.quaternion(f"{dotted(('bodies', name))}.quaternion", body.quaternion)
     for name, part in problem.parts.items():
         _part_values(found, ("parts", name), part)
     minimise = problem.design.minimise
@@ -341,6 +347,10 @@ def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> N
     with found:
         checks.quaternion(f"{key}.quaternion", part.quaternion)
     if isinstance(shape, MeshFile):
+        with found:
+            checks.numbers(f"{key}.mesh_scale", shape.scale, 3)
+            if not all(shape.scale):
+                raise ProblemError(f"{key}.mesh_scale: found {shown(shape.scale)}, expected numbers that are not 0")
         return
     kind = f"{key}.{type(shape).__name__.lower()}"
     if isinstance(shape, Box):

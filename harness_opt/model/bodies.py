@@ -260,12 +260,15 @@ class Body:
     """A rigid body.
 
     Args:
-        motion: relative to its parent; without one it is fixed to it, its coordinates those of the parent.
+        motion: in the parent's coordinates; without one it is fixed to it.
         parent: the body that carries it.
+        position, quaternion: where it stands in the parent when its motion is at 0; left out, at the parent's origin.
     """
 
     motion: BodyMotion | None = None
     parent: str = WORLD
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = rotations.IDENTITY
 
     @property
     def table(self) -> Path | None:
@@ -284,10 +287,16 @@ class Body:
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) in its parent at ``motion`` (P,) from 0 to 1."""
-        if self.motion is not None:
-            return self.motion.poses(motion)
         count = len(np.atleast_1d(motion))
-        return np.zeros((count, 3)), np.tile(rotations.IDENTITY, (count, 1))
+        placed = np.tile(self.position, (count, 1)).astype(float), np.tile(self.quaternion, (count, 1)).astype(float)
+        if self.motion is None:
+            return placed
+        return composed(self.motion.poses(motion), placed) if self.is_placed else self.motion.poses(motion)
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether it stands elsewhere in its parent than at its origin."""
+        return any(self.position) or tuple(self.quaternion) != rotations.IDENTITY
 
 
 def _told_by(motion: BodyMotion | None) -> Poses | ValueTable | None:

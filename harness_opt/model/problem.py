@@ -120,7 +120,7 @@ class Problem:
         for one in chain(self.bodies, body):
             if one.motion is not None:  # what is fixed to its parent moves as that does
                 rates = one.motion.rates(first, last).carried(rates, pose, last - first)
-                pose = composed(pose, one.motion.poses(middle))
+            pose = composed(pose, one.poses(middle))
         return rates
 
     def ends(self, cable: str, motion: ArrayLike) -> list[tuple[End, End]]:

@@ -124,7 +124,8 @@ def _end(end: End) -> Json:
 
 
 def _body(body: Body) -> Json:
-    return {"parent": body.parent, **_body_motion(body.motion)}
+    stands = {"position": list(body.position), "quaternion": list(body.quaternion)} if body.is_placed else {}
+    return {"parent": body.parent, **stands, **_body_motion(body.motion)}
 
 
 def _body_motion(motion: BodyMotion | None) -> Json:
@@ -320,6 +321,7 @@ def _body_lines(content: Mapping[str, Any]) -> Iterator[str]:
         else:
             words = "stands still" if body["parent"] == WORLD else "is fixed"
         carried = "" if body["parent"] == WORLD else f", on {body['parent']}"
+        carried += f", at {_place(body['position'])} mm" if "position" in body else ""
         yield f"Body {name}{carried}: {words}."
 
 

@@ -139,7 +139,9 @@ parts = st.builds(
 
 @st.composite
 def problems(draw: st.DrawFn) -> Problem:
-    bodies = draw(st.dictionaries(names, st.builds(Body, motions), max_size=2))
+    stands = st.sampled_from([(0.0, 0.0, 0.0), (0.1, 0.0, -0.3)])
+    placed = st.builds(Body, motions, position=stands, quaternion=st.just((1.0, 0.0, 0.0, 0.0)) | quaternions)
+    bodies = draw(st.dictionaries(names, placed, max_size=2))
     if len(bodies) == 2 and draw(st.booleans()):
         carried, carrying = bodies
         bodies[carried] = dataclasses.replace(bodies[carried], parent=carrying)

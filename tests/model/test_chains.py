@@ -35,6 +35,28 @@ def test_what_is_fixed_to_a_body_moves_with_it(rng):
     assert [problem.is_moved(name) for name in ("a", "c", "lid", "base", "foot", "world")] == [True] * 3 + [False] * 3
 
 
+def placed(rng) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return where a body stands in its parent at 0: at its origin, or anywhere."""
+    if rng.integers(2):
+        return (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+    return tuple(rng.normal(size=3)), tuple(rotations.normalise(rng.normal(size=4)))
+
+
+def test_a_placed_body_turns_about_a_line_of_its_parent():
+    """A quarter turn about z through (1, 0, 0), of what stands at (2, 0, 0) turned by a quarter about x."""
+    half = np.sqrt(0.5)
+    hinge = ho.Hinge((1, 0, 0), (0, 0, 1), 0.0, np.pi / 2)
+    bodies = {
+        "a": ho.Body(hinge, position=(2, 0, 0), quaternion=(half, half, 0, 0)),
+        "b": ho.Body(None, "a", (0, 1, 0)),
+    }
+    problem = problem_of(bodies)
+    position, quaternion = problem.poses("a", [0.0, 1.0])
+    np.testing.assert_allclose(position, [[2, 0, 0], [1, 1, 0]], atol=1e-15)
+    np.testing.assert_allclose(rotations.rotate(quaternion, [0.0, 1.0, 0.0]), [[0, 0, 1], [0, 0, 1]], atol=1e-15)
+    np.testing.assert_allclose(problem.poses("b", [1.0])[0], [[1, 1, 1]], atol=1e-15)
+
+
 def speeds(problem: ho.Problem, body: str, at: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return by central differences the speed and acceleration of ``point`` (k, 3) of a body, then its angular ones."""
     h = 1e-4
@@ -54,7 +76,7 @@ def test_rates_of_chains_bound_fine_differences(rng, back):
     looseness = []
     for _ in range(40):
         names = ("world", "a", "b", "c")
-        bodies = {name: ho.Body(random_motion(rng), names[k]) for k, name in enumerate(names[1:])}
+        bodies = {name: ho.Body(random_motion(rng), names[k], *placed(rng)) for k, name in enumerate(names[1:])}
         problem = problem_of(bodies, out_and_back=back)
         cuts = np.sort(np.concatenate([[0.001, 0.5, 0.999], rng.uniform(0.01, 0.99, 5)]))
         first, last = cuts[:-1], cuts[1:]
