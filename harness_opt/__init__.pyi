@@ -28,9 +28,13 @@ from .model.cable import Cable as Cable
 from .model.cable import CableRun as CableRun
 from .model.cable import Clip as Clip
 from .model.cable import End as End
+from .model.courses import Move as Move
+from .model.courses import Moves as Moves
+from .model.courses import ValueTable as ValueTable
 from .model.design import Coupling as Coupling
 from .model.design import Design as Design
 from .model.design import Limits as Limits
+from .model.design import Tolerance as Tolerance
 from .model.design import Variable as Variable
 from .model.parts import (
     Box as Box,
@@ -53,7 +57,6 @@ from .model.parts import (
 from .model.plausibility import doubts as doubts
 from .model.problem import Problem as Problem
 from .model.results import Motion as Motion
-from .model.tolerances import Tolerance as Tolerance
 from .motion.paper_data import (
     Path as Path,
 )

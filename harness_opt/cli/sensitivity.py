@@ -17,7 +17,7 @@ from harness_opt.errors import ProblemError, SolveError
 if TYPE_CHECKING:
     from harness_opt.design.key_derivatives import Linear
     from harness_opt.files.quantities import Quantities
-    from harness_opt.model.tolerances import Tolerance
+    from harness_opt.model.design import Tolerance
     from harness_opt.studies.ranking import Effect
 
 TABLE, CHART = "sensitivity.csv", "tornado.png"
@@ -92,7 +92,7 @@ def _subject(file: Path, folders: Sequence[Path]) -> _Subject:
     from harness_opt.files.quantities import Quantities, quantities_of
     from harness_opt.files.quantity_keys import differentiable
     from harness_opt.files.read import content_of, toml_tables
-    from harness_opt.model.tolerances import Tolerance
+    from harness_opt.model.design import Tolerance
     from harness_opt.studies.study_file import read_study
     from harness_opt.studies.variations import expand
 

@@ -21,6 +21,9 @@ OF_A_LIBRARY = (
     "diameter", "bending_stiffness", "torsional_stiffness", "density", "mass_per_length", "rest_curvature",
     "bend_radius_factors",
 )  # fmt: skip
+OF_A_MESH = {
+    "mesh_unit": "a unit", "mesh_scale": "a scale", "mesh_sha256": "a SHA-256", "shell": "a shell", "up": "an axis",
+}  # fmt: skip
 MASSES = ("density", "mass_per_length")
 NOT_READ = (".stp", ".step", ".igs", ".iges", ".x_t", ".sldprt", ".sldasm", ".ipt", ".catpart", ".prt", ".3mf", ".dae")
 
@@ -44,7 +47,7 @@ def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
     if len(shapes) != 1:
         found = " and ".join(shapes) or "no shape"
         yield path, f"found {found}, expected exactly one of {', '.join(PART_SHAPES)}"
-    for key, words in (("mesh_unit", "a unit"), ("mesh_sha256", "a SHA-256"), ("shell", "a shell"), ("up", "an axis")):
+    for key, words in OF_A_MESH.items():
         if key in part and "mesh" not in part:
             yield (*path, key), f"found {words} without a mesh, expected it beside mesh only"
     if value(part, "mesh") is not None:

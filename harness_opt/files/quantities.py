@@ -20,9 +20,8 @@ from harness_opt.files.schema import ProblemTable
 from harness_opt.files.values import structured
 from harness_opt.files.write import problem_text
 from harness_opt.model import design_variables
-from harness_opt.model.between import by_name, mistakes_between
-from harness_opt.model.bodies import Poses
-from harness_opt.model.checks import KeyPath, dotted
+from harness_opt.model.between import mistakes_between
+from harness_opt.model.checks import KeyPath, by_name, dotted
 from harness_opt.model.design import Design, Variable
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.problem import Problem
@@ -152,9 +151,7 @@ def quantities_of(
 def _inputs(problem: Problem) -> Iterator[Path]:
     """Yield the files that a problem was allowed to read when it was made."""
     yield from (part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile))
-    for body in problem.bodies.values():
-        if isinstance(body.motion, Poses) and body.motion.file is not None:
-            yield body.motion.file
+    yield from (body.table for body in problem.bodies.values() if body.table is not None)
 
 
 # --- setting -------------------------------------------------------------------------------------------

@@ -17,9 +17,8 @@ from typing import Any
 from harness_opt.errors import ProblemError
 from harness_opt.files.schema import ProblemTable, RobustTable
 from harness_opt.files.tolerance_table import tolerance
-from harness_opt.model.between import by_name
 from harness_opt.model.cable import ENDS
-from harness_opt.model.checks import KeyPath, Mistake, dotted, one_of
+from harness_opt.model.checks import KeyPath, Mistake, by_name, dotted, one_of
 
 CLIPS = "clips"  # of a cable: an array of tables, each with its name
 COMPONENTS = {3: "xyz", 4: "wxyz"}  # names of the entries of a list, by its length; others are numbered
@@ -130,7 +129,7 @@ def _values(full: Any, path: KeyPath = ()) -> Iterator[Quantity]:
                 for quantity in _values({clip: fixed}, here):
                     key = dotted((*path, *quantity.path[len(here) :]))
                     yield replace(quantity, key=key + quantity.key[len(dotted(quantity.path)) :])
-        elif isinstance(value, (list, tuple)):
+        elif isinstance(value, (list, tuple)) and not any(isinstance(entry, Mapping) for entry in value):
             names = COMPONENTS.get(len(value), [str(i) for i in range(len(value))])
             for i, (letter, entry) in enumerate(zip(names, value, strict=True)):
                 yield Quantity(f"{dotted(here)}.{letter}", here, entry, i)

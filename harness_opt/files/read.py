@@ -17,13 +17,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
 from harness_opt.files.beside import bend_radius, mistakes_of_limits, mistakes_of_parts, with_cables
+from harness_opt.files.bodies import motions_of
 from harness_opt.files.places import MEGABYTE, Places, unreadable
-from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
 from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
@@ -31,9 +29,10 @@ from harness_opt.files.values import structured
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.between import mistakes_between
-from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
+from harness_opt.model.bodies import Body, BodyMotion, Hinge, Slide, seconds_of
 from harness_opt.model.cable import Cable, CableRun, Clip, End
-from harness_opt.model.checks import Mistake, Tree, coupling, dotted, shown, table
+from harness_opt.model.checks import Mistake, coupling, dotted, shown
+from harness_opt.model.courses import Moves
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
@@ -48,10 +47,8 @@ LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PA
 MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
 _OWN, _OF_A_STUDY = {"cables", "bodies", "parts"}, {"vary", "variants", "problem"}  # tables of either kind of file
 NEAR = 20  # letters that are shown around one that cannot be written
+CLOCK = 1e-9  # of a motion's seconds, by which two of them differ in rounding
 MOST_MISTAKES = 200  # that are told one by one
-MOST_TABLE_BYTES = 20 * MEGABYTE  # of a table of poses: a hundred thousand rows of eight doubles
-
-_MOTION: TypeAdapter[Any] = TypeAdapter(file_schema.MotionTable)
 
 
 def read_problem(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike[str]] = ()) -> Problem:
@@ -156,8 +153,12 @@ def problem_from(
     told = {path for path, _ in of_libraries}
     mistakes = [*of_libraries, *(mistake for mistake in mistakes if mistake[0] not in told)]
     mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
-    motions, wrong = _motions(tree, places, pending or {})
+    motions, wrong = motions_of(tree, places, pending or {})
     mistakes += wrong
+    duration = 1.0
+    if tables is not None:
+        motions, duration, wrong = on_one_clock(motions, tables.motion)
+        mistakes += wrong
     if tables is not None and tables.robust is not None:
         mistakes += robust_mistakes(tables, tables.robust)
     if mistakes or tables is None:
@@ -165,7 +166,7 @@ def problem_from(
         left = len(mistakes) - len(lines)
         raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
     with naming(file):
-        return _problem(tables, motions, places, file)
+        return _problem(tables, motions, duration, places, file)
 
 
 @contextlib.contextmanager
@@ -178,17 +179,24 @@ def naming(file: Path) -> Iterator[None]:
 
 
 def _problem(
-    tables: file_schema.ProblemTable, motions: Mapping[str, BodyMotion | None], places: Places, file: Path
+    tables: file_schema.ProblemTable,
+    motions: Mapping[str, BodyMotion | None],
+    duration: float,
+    places: Places,
+    file: Path,
 ) -> Problem:
     return Problem(
         cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
-        bodies={name: Body(motions[name]) for name in tables.bodies},
+        bodies={
+            name: Body(motions[name], body.parent, body.position, body.quaternion)
+            for name, body in tables.bodies.items()
+        },
         parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
         limits=_limits(tables),
         design=_design(tables.design),
         robust=_robust(tables.robust),
-        duration=tables.motion.duration,
+        duration=duration,
         out_and_back=tables.motion.out_and_back,
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
@@ -254,46 +262,33 @@ def _lowered(words: str) -> str:
     return words[:1].lower() + words[1:]
 
 
-# --- motions -------------------------------------------------------------------------------------------
+def on_one_clock(
+    motions: Mapping[str, BodyMotion | None], path: file_schema.PathTable
+) -> tuple[dict[str, BodyMotion | None], float, list[Mistake]]:
+    """Return the motions, with moves that end first at rest until all have ended; the duration; and mistakes.
 
-
-def _motions(
-    tree: Tree, places: Places, pending: Mapping[Path, bytes]
-) -> tuple[dict[str, BodyMotion | None], list[Mistake]]:
-    """Return the motions of all bodies whose tables are in order, and the mistakes in tables of poses."""
-    motions: dict[str, BodyMotion | None] = {WORLD: None}
-    mistakes: list[Mistake] = []
-    for name in table(tree, "bodies"):
-        body = tree["bodies"][name]
-        if name == WORLD or not isinstance(body, Mapping):
+    The duration is that of the longest moves or table of values where it is left out, twice that there and back.
+    """
+    times = 2.0 if path.out_and_back else 1.0
+    told = {name: seconds_of(one) for name, one in motions.items() if isinstance(one, (Hinge, Slide))}
+    seconds = {name: second for name, second in told.items() if second is not None}
+    duration = path.duration
+    if seconds and "duration" not in path.model_fields_set:
+        duration = times * max(seconds.values())
+    found, mistakes = dict(motions), list[Mistake]()
+    for name, second in seconds.items():
+        one = motions[name]
+        if not isinstance(one, (Hinge, Slide)) or not isinstance(one.follows, Moves):
             continue
-        if "motion" not in body:
-            motions[name] = None
-            continue
-        try:
-            motion = _MOTION.validate_python(body["motion"])
-        except ValidationError:
-            continue  # named already when the whole file was structured
-        try:
-            motions[name] = _motion(motion, places, pending)
-        except ProblemError as error:
-            path = ("bodies", name, "motion", "file")
-            mistakes.extend((path, line) for line in error.mistakes)
-    return motions, mistakes
-
-
-def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyMotion:
-    if isinstance(motion, file_schema.HingeTable):
-        return Hinge(motion.point, motion.axis, math.radians(motion.from_deg), math.radians(motion.to_deg))
-    if isinstance(motion, file_schema.SlideTable):
-        return Slide(motion.direction, motion.from_, motion.to)
-    file = places.located(motion.file)
-    if file in pending:
-        return parse_poses(pending[file], file)
-    why = places.fault(motion.file, "a table of poses", motion.file_sha256, MOST_TABLE_BYTES)
-    if why:
-        raise ProblemError(why)
-    return parse_poses(file.read_bytes(), file)
+        rest = duration / times - second
+        if rest < -CLOCK * second:
+            words = f"expected at least {times * second:.6g}, the seconds of the moves of {name}"
+            mistakes.append((("motion", "duration"), f"found {shown(duration)}, {words}"))
+        elif rest > CLOCK * second:
+            last = one.follows.moves[-1]
+            moves = (*one.follows.moves[:-1], dataclasses.replace(last, dwell=last.dwell + rest))
+            found[name] = dataclasses.replace(one, follows=Moves(one.follows.begin, moves))
+    return found, duration, mistakes
 
 
 def _cable_run(cable: file_schema.CableTable) -> CableRun:
@@ -333,7 +328,7 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up, part.mesh_scale)
 
 
 def _limits(tables: file_schema.ProblemTable) -> Limits:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, JsonValue
 
+from harness_opt.files.bodies import BodyTable
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
     BendFactor,
@@ -25,6 +26,7 @@ from harness_opt.files.values import (
     Positive,
     Quaternion,
     RollWord,
+    Scale,
     Seed,
     Share,
     Size,
@@ -133,47 +135,6 @@ class CableTable(Table):
     clips: list[ClipTable] = Field(default_factory=list, description="What holds it between, along the cable.")
 
 
-class HingeTable(Table):
-    """Turning about a fixed line; at angle 0 body coordinates are world coordinates."""
-
-    kind: Literal["hinge"] = Field(description="Turning about a fixed line.")
-    point: Vector = Field(description="A point on the line, m.")
-    axis: Direction = Field(description="Direction of the line, any length.")
-    from_deg: Number = Field(description="First angle, degrees.")
-    to_deg: Number = Field(description="Last angle, degrees.")
-
-
-class SlideTable(Table):
-    """Straight motion without turning; at travel 0 body coordinates are world coordinates."""
-
-    kind: Literal["slide"] = Field(description="Straight motion without turning.")
-    direction: Direction = Field(description="Direction of travel, any length.")
-    from_: Number = Field(alias="from", description="First travel, m.")
-    to: Number = Field(description="Last travel, m.")
-
-
-class PosesTable(Table):
-    """A tabulated motion: positions by a cubic spline, rotations by a smooth one on the sphere."""
-
-    kind: Literal["poses"] = Field(description="A table of poses.")
-    file: Text = Field(
-        description="CSV with the header t,x,y,z,qw,qx,qy,qz (s, m, unit quaternion), relative to this file."
-    )
-    file_sha256: Digest | None = Field(
-        default=None,
-        description="SHA-256 of the table; with it, the table may lie outside this file's folder.",
-    )
-
-
-MotionTable = Annotated[HingeTable | SlideTable | PosesTable, Field(discriminator="kind")]
-
-
-class BodyTable(Table):
-    """A rigid body; without a motion it stands still, its coordinates those of the world."""
-
-    motion: MotionTable | None = Field(default=None, description="How the body moves: hinge, slide or poses.")
-
-
 class BoxTable(Table):
     """A box centred on its origin."""
 
@@ -209,7 +170,7 @@ class PartTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [{"required": [shape]} for shape in PART_SHAPES],
-            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_sha256", "shell", "up")},
+            "dependentRequired": {key: ["mesh"] for key in ("mesh_unit", "mesh_scale", "mesh_sha256", "shell", "up")},
             "if": {
                 "required": ["mesh"],
                 "properties": {"mesh": {"pattern": r"\.([sS][tT][lL]|[oO][bB][jJ]|[pP][lL][yY])$"}},
@@ -223,6 +184,9 @@ class PartTable(Table):
     mesh_unit: MeshUnit | None = Field(
         default=None,
         description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
+    )
+    mesh_scale: Scale = Field(
+        default=(1.0, 1.0, 1.0), description="By which its x, y and z are multiplied; below 0 mirrors."
     )
     mesh_sha256: Digest | None = Field(
         default=None,
@@ -266,7 +230,9 @@ class LimitsTable(Table):
 class PathTable(Table):
     """The motion as a whole."""
 
-    duration: Positive = Field(default=1.0, description="For playback, s.")
+    duration: Positive = Field(
+        default=1.0, description="For playback, s; left out, that of the longest moves or table of values."
+    )
     out_and_back: Flag = Field(
         default=False, description="Whether the bodies go through their motions until half-way and then back."
     )

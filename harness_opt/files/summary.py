@@ -240,12 +240,14 @@ class RedesignEntry(TypedDict):
 
 
 class TravelEntry(TypedDict):
-    """The way of a body that moves, which goes evenly with the motion."""
+    """The way of a body that moves: evenly with the motion, or as a table or moves say."""
 
     body: str
     unit: Annotated[str, _said("``deg``, ``mm`` or ``s``")]
     start: float
     stop: float
+    shares: NotRequired[Annotated[list[float], _said("Motion values, 0 to 1, between which it goes evenly")]]
+    values: NotRequired[Annotated[list[float], _said("Where it is at each of these, in ``unit``")]]
 
 
 class PathEntry(TypedDict):
@@ -286,6 +288,15 @@ class Summary(TypedDict):
 def results_schema() -> Json:
     """Return the JSON Schema of ``summary.json``."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **TypeAdapter(Summary).json_schema()}
+
+
+def path_entry(moments: Moments) -> PathEntry:
+    """Return what the motion is told in, which :func:`moments_of` reads."""
+    ways = [TravelEntry(body=way.body, unit=way.unit, start=way.start, stop=way.stop) for way in moments.ways]
+    for entry, way in zip(ways, moments.ways, strict=True):
+        if way.shares:
+            entry["shares"], entry["values"] = list(way.shares), list(way.values)
+    return PathEntry(ways=ways, duration=moments.duration, out_and_back=moments.out_and_back)
 
 
 def moments_of(summary: Summary) -> Moments:

@@ -10,7 +10,7 @@ from pydantic import Field
 from harness_opt.errors import ProblemError
 from harness_opt.files.values import Expected, Positive, Table
 from harness_opt.model.checks import one_of, shown
-from harness_opt.model.tolerances import DISTRIBUTIONS, Tolerance
+from harness_opt.model.design import DISTRIBUTIONS, Tolerance
 
 WIDTHS = ("plus_minus", "plus_minus_percent", "deviation", "deviation_percent")
 

@@ -22,8 +22,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from harness_opt.model.between import by_name
-from harness_opt.model.checks import INVALID, LARGEST, KeyPath, Mistake, one_of, shown
+from harness_opt.model.checks import INVALID, LARGEST, KeyPath, Mistake, by_name, one_of, shown
 from harness_opt.numerics import rotations
 
 QUATERNION_TOLERANCE = 1e-3  # largest | |q| - 1 | taken as rounding: three typed digits do; normalised then
@@ -67,6 +66,12 @@ def _unit(q: tuple[float, ...]) -> tuple[float, ...]:
 def _nonzero(v: tuple[float, ...]) -> tuple[float, ...]:
     if not math.hypot(*v) > SHORTEST:
         raise PydanticCustomError("expected", "a direction, not zero")
+    return v
+
+
+def _no_zeros(v: tuple[float, ...]) -> tuple[float, ...]:
+    if not all(abs(number) >= SMALLEST for number in v):
+        raise PydanticCustomError("expected", "three numbers that are not 0")
     return v
 
 
@@ -127,6 +132,9 @@ Bounds = Annotated[
 RollWord = Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted", "free")))]
 MotionValue = Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")]
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]
+Scale = Annotated[_Triple, Expected("[x, y, z], three numbers that are not 0"), AfterValidator(_no_zeros)]
+AngleUnit = Annotated[Literal["rad", "deg"], Expected(one_of(("rad", "deg")))]
+TravelUnit = Annotated[Literal["m", "mm"], Expected(one_of(("m", "mm")))]
 UpAxis = Annotated[Literal["y", "z"], Expected(one_of(UP_AXES))]
 
 
@@ -203,8 +211,8 @@ def structured(
 
     Returns:
         The tables, or None where there are mistakes; a copy of ``raw`` with :data:`INVALID` in the place of
-        every wrong value, so that what is left can be checked further, and with arrays of tables, such as clips, as
-        tables by :func:`~harness_opt.model.between.by_name`; and the mistakes.
+        every wrong value, so that what is left can be checked further; and the mistakes, tables of an array told by
+        their names where they have one.
     """
     tree = _copied(raw)
     try:
@@ -214,21 +222,21 @@ def structured(
 
 
 def _copied(value: Any) -> Any:
-    if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
-        value = by_name(value)
+    if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):  # [[tables]] in a row
+        return [_copied(item) for item in value]
     return {key: _copied(item) for key, item in value.items()} if isinstance(value, Mapping) else value
 
 
 def _mistake(tree: dict[str, Any], error: Any) -> Mistake:
     """Return ``error`` in words, and put :data:`INVALID` in its place in ``tree``."""
-    path = _path(tree, error)
+    steps, path = _path(tree, error)
     value, words = error["input"], error["msg"]
-    parent = tree
-    for key in path[:-1]:
-        parent = parent[key]
     if error["type"] == "nothing":
         return path, f"found nothing, expected {words}"
-    parent[path[-1]] = INVALID
+    parent: Any = tree
+    for step in steps[:-1]:
+        parent = parent[step]
+    parent[steps[-1]] = INVALID
     if error["type"] == "unknown":
         return path, f"found an unknown key, expected {words}"
     if error["type"] == "kind":
@@ -236,22 +244,24 @@ def _mistake(tree: dict[str, Any], error: Any) -> Mistake:
         found = "nothing" if kind is None else shown(kind)
         return (*path, "kind"), f"found {found}, expected {one_of(MOTION_KINDS, kind)}"
     if error["type"] == "too_short":
-        return path, "found an empty table, expected at least one cable"
+        found, one = ("an empty table", "cable") if path == ("cables",) else (shown(value), "table")
+        return path, f"found {found}, expected at least one {one}"
     if path[:2] == ("design", "variables") and isinstance(value, Mapping):
         words += f", behind a name in quotes such as {json.dumps(path[2] + '.length')}"
     return path, f"found {shown(value)}, expected {words}"
 
 
-def _path(tree: dict[str, Any], error: Any) -> KeyPath:
-    """Return the keys that lead to an error: pydantic's location without the tags of unions."""
+def _path(tree: dict[str, Any], error: Any) -> tuple[list[str | int], KeyPath]:
+    """Return the steps that lead to an error, pydantic's location without the tags of unions, and the keys told."""
     node: Any = tree
+    steps: list[str | int] = []
     path: list[str] = []
     for step in error["loc"]:
-        # an array of tables has become tables by name
-        key = list(node)[step] if isinstance(step, int) and isinstance(node, dict) else step
-        if isinstance(node, dict) and key in node:
-            node = node[key]
-            path.append(str(key))
+        row = isinstance(node, list) and isinstance(step, int) and any(isinstance(item, Mapping) for item in node)
+        if row or (isinstance(node, dict) and step in node):
+            path.append(list(by_name(node))[step] if row else str(step))
+            steps.append(step)
+            node = node[step]
     if error["type"] == "nothing":
         path.append(str(error["loc"][-1]))
-    return tuple(path)
+    return steps, tuple(path)

@@ -14,11 +14,12 @@ import tomlkit
 from tomlkit.items import InlineTable, Item, Table
 
 from harness_opt.errors import ProblemError
+from harness_opt.files.bodies import HEADER, WAYS, parse_poses, parse_values
 from harness_opt.files.places import Places
-from harness_opt.files.poses_table import parse_poses, poses_text
 from harness_opt.files.tolerance_table import content_of
-from harness_opt.model.bodies import Body, BodyMotion, Hinge, Poses, Slide
+from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Poses
 from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.courses import Moves, ValueTable
 from harness_opt.model.design import Limits
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
 from harness_opt.model.problem import Problem
@@ -171,47 +172,83 @@ def _end_rows(end: End) -> Rows:
 
 
 def _body(name: str, body: Body, file: Path, pending: dict[Path, bytes]) -> Table:
-    if body.motion is None:
-        return tomlkit.table()
-    table = tomlkit.table(is_super_table=True)
-    table.add("motion", _fill(tomlkit.table(), _motion_rows(name, body.motion, file, pending)))
-    return table
+    rows: Rows = [
+        ("parent", body.parent if body.parent != WORLD else None, ""),
+        ("position", _numbers(body.position) if any(body.position) else None, "m"),
+        ("quaternion", None if tuple(body.quaternion) == rotations.IDENTITY else _numbers(body.quaternion), ""),
+    ]
+    given = any(value is not None for _, value, _ in rows)
+    table = _fill(tomlkit.table(is_super_table=body.motion is not None and not given), rows)
+    if body.motion is not None:
+        table.add("motion", _fill(tomlkit.table(), _motion_rows(name, body.motion, file, pending)))
+    found: Table = table
+    return found
 
 
 def _motion_rows(name: str, motion: BodyMotion, file: Path, pending: dict[Path, bytes]) -> Rows:
+    beside = file.parent / f"{file.stem}_{name}.csv"
+    if isinstance(motion, Poses):
+        return [("kind", "poses", ""), *_table_rows(motion, beside, pending)]
     if isinstance(motion, Hinge):
-        return [
+        rows: Rows = [
             ("kind", "hinge", ""),
             ("point", _numbers(motion.point), "m"),
             ("axis", _numbers(motion.axis), ""),
-            ("from_deg", _degrees(motion.start), ""),
-            ("to_deg", _degrees(motion.stop), ""),
         ]
-    if isinstance(motion, Slide):
-        return [
-            ("kind", "slide", ""),
-            ("direction", _numbers(motion.direction), ""),
-            ("from", float(motion.start), "m"),
-            ("to", float(motion.stop), "m"),
-        ]
-    table = motion.file
-    if table is None or not _holds(table, motion):
-        table = file.parent / f"{file.stem}_{name}.csv"
-        pending[table] = poses_text(motion).encode()
-    sha256 = None if table in pending else Places.around(file.parent).sha256_of(table)
+        first, last, words = *WAYS["hinge"], ""
+    else:
+        rows = [("kind", "slide", ""), ("direction", _numbers(motion.direction), "")]
+        first, last, words = *WAYS["slide"], "m"
+    in_unit = _degrees if isinstance(motion, Hinge) else float
+    if isinstance(motion.follows, ValueTable):
+        si = "rad" if isinstance(motion, Hinge) else "m"
+        told = motion.follows if motion.follows.unit else dataclasses.replace(motion.follows, unit=si)
+        return [*rows, *_table_rows(told, beside, pending, si)]
+    rows.append((first, in_unit(motion.start), words))
+    if not isinstance(motion.follows, Moves):
+        return [*rows, (last, in_unit(motion.stop), words)]
+    moves = tomlkit.aot()
+    for move in motion.follows.moves:
+        one: Rows = [(last, in_unit(move.to), words), ("seconds", float(move.seconds), "")]
+        moves.append(_fill(tomlkit.table(), [*one, ("dwell", float(move.dwell) or None, "s")]))
+    return [*rows, ("moves", moves, "")]
+
+
+def _table_rows(told: Poses | ValueTable, beside: Path, pending: dict[Path, bytes], si: str = "") -> Rows:
+    """Return the keys that name a CSV table: its own, or one that is to be written ``beside``, in the unit ``si``."""
+    table = told.file
+    if table is None or not _holds(table, told):
+        table = beside
+        told = dataclasses.replace(told, unit=si) if isinstance(told, ValueTable) else told
+        pending[table] = _table_text(told).encode()
     return [
-        ("kind", "poses", ""),
-        ("file", _relative(table, file.parent), "t, x, y, z, qw, qx, qy, qz"),
-        ("file_sha256", sha256, ""),
+        ("file", _relative(table, beside.parent), ", ".join(HEADER) if isinstance(told, Poses) else "t, value"),
+        ("unit", told.unit if isinstance(told, ValueTable) else None, ""),
+        ("file_sha256", None if table in pending else Places.around(beside.parent).sha256_of(table), ""),
     ]
 
 
-def _holds(table: Path, poses: Poses) -> bool:
-    """Return whether the file ``table`` still holds ``poses``."""
+def _holds(table: Path, told: Poses | ValueTable) -> bool:
+    """Return whether the file ``table`` still holds ``told``."""
     try:
-        return parse_poses(table.read_bytes(), table) == dataclasses.replace(poses, file=table)
+        content = table.read_bytes()
+        held = parse_poses(content, table) if isinstance(told, Poses) else parse_values(content, table, told.unit)
+        return held == dataclasses.replace(told, file=table)
     except (OSError, ProblemError):
         return False
+
+
+def _table_text(told: Poses | ValueTable) -> str:
+    """Return the CSV table of ``told``, in SI units; every number reads back to the same bits."""
+    if isinstance(told, Poses):
+        units, header = "s, m, unit quaternion (scalar first)", ",".join(HEADER)
+        rows: Iterable[tuple[float, ...]] = (
+            (t, *position, *quaternion)
+            for t, position, quaternion in zip(told.times, told.positions, told.quaternions, strict=True)
+        )
+    else:
+        units, header, rows = f"s, {told.unit}", "t,value", zip(told.times, told.entries, strict=True)
+    return "\n".join([f"# {units}", header, *(",".join(repr(float(number)) for number in row) for row in rows), ""])
 
 
 def _part(part: Part, places: Places) -> Table:
@@ -233,6 +270,7 @@ def _shape_rows(shape: MeshFile | Solid, places: Places) -> Rows:
         return [
             ("mesh", _relative(shape.path, places.folder), ""),
             ("mesh_unit", shape.unit, ""),
+            ("mesh_scale", None if tuple(shape.scale) == (1.0, 1.0, 1.0) else _numbers(shape.scale), ""),
             ("mesh_sha256", places.sha256_of(shape.path), ""),
             ("shell", True if shape.shell else None, ""),
             ("up", shape.up, ""),

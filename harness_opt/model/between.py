@@ -7,14 +7,27 @@ twice, and both in the same words.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
+from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.between_variables import mistakes_of_variables
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import ENDS, NO_CLIP, Cable, CableRun, End
-from harness_opt.model.checks import INVALID, ORIENTATIONS, KeyPath, Mistake, Tree, dotted, one_of, shown, table, value
+from harness_opt.model.checks import (
+    INVALID,
+    ORIENTATIONS,
+    KeyPath,
+    Mistake,
+    Tree,
+    clip_tables,
+    dotted,
+    one_of,
+    shown,
+    table,
+    value,
+)
 from harness_opt.model.design import Minimise
 from harness_opt.model.parts import Box, MeshFile, Part
 from harness_opt.model.spans import too_short
@@ -23,13 +36,6 @@ LONGEST_NAME = 100  # letters; names become file names and array names
 NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
 KINDS = {"cables": CableRun, "bodies": Body, "parts": Part}
 AT_LEAST_0 = ("clearance",)  # of the limits; the others are above 0
-
-
-def by_name(tables: Sequence[Any]) -> dict[str, Any]:
-    """Return an array of tables as tables by their names, or by their numbers, from 1, where a name is no key."""
-    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
-    keys = [name if name and names.count(name) == 1 else number for number, name in enumerate(names, 1)]
-    return {str(key): one for key, one in zip(keys, tables, strict=True)}
 
 
 def mistakes_between(tree: Tree) -> Iterator[Mistake]:
@@ -43,6 +49,9 @@ def mistakes_between(tree: Tree) -> Iterator[Mistake]:
         yield from _cable(tree, name)
     for name in table(tree, "parts"):
         yield from _body(tree, ("parts", name), table(tree, "parts", name))
+    for name in table(tree, "bodies"):
+        yield from _body(tree, ("bodies", name), table(tree, "bodies", name), "parent")
+    yield from _circles(table(tree, "bodies"))
     yield from _bend_radius(tree)
     yield from mistakes_of_variables(tree)
 
@@ -71,14 +80,32 @@ def _name_mistake(name: str) -> str:
     return ""
 
 
-def _body(tree: Tree, path: KeyPath, owner: Tree) -> Iterator[Mistake]:
+def _body(tree: Tree, path: KeyPath, owner: Tree, key: str = "body") -> Iterator[Mistake]:
     """Check that the body which ``owner`` names exists."""
-    name, bodies = value(owner, "body"), tree.get("bodies", {})
+    name, bodies = value(owner, key), tree.get("bodies", {})
     if name is None or not isinstance(bodies, Mapping):
         return
     known = [WORLD, *(body for body in bodies if body != WORLD)]
     if name not in known:
-        yield (*path, "body"), f"found {shown(name)}, expected {one_of(known, name)}"
+        yield (*path, key), f"found {shown(name)}, expected {one_of(known, name)}"
+
+
+def _circles(bodies: Tree) -> Iterator[Mistake]:
+    """Check that no body carries itself, however many are between; each circle is told once."""
+    told: set[str] = set()
+    for name in bodies:
+        way = [name]
+        while True:
+            parent = value(table(bodies, way[-1]), "parent")
+            if not isinstance(parent, str) or parent == WORLD or parent not in bodies or parent in told:
+                break
+            if parent in way:
+                circle = [*way[way.index(parent) :], parent]
+                around = " on ".join(shown(one) for one in circle)
+                yield ("bodies", parent, "parent"), f"found a circle, {around}, expected one that leads to the world"
+                break
+            way.append(parent)
+        told.update(way)
 
 
 # --- cables --------------------------------------------------------------------------------------------
@@ -88,7 +115,7 @@ def _cable(tree: Tree, name: str) -> Iterator[Mistake]:
     path, cable = ("cables", name), table(tree, "cables", name)
     if "density" in cable and "mass_per_length" in cable:
         yield (*path, "density"), "found mass_per_length as well, expected one of the two"
-    ends, clips = {side: table(cable, side) for side in ENDS}, table(cable, "clips")
+    ends, clips = {side: table(cable, side) for side in ENDS}, clip_tables(cable)
     for where, end in (
         *(((*path, side), end) for side, end in ends.items()),
         *(((*path, "clips", clip), table(clips, clip)) for clip in clips),
@@ -106,7 +133,7 @@ def _cable(tree: Tree, name: str) -> Iterator[Mistake]:
 
 def _clips(path: KeyPath, cable: Tree) -> Iterator[Mistake]:
     """Check that the clips of a cable have names of their own and follow each other along it."""
-    clips, last, before = table(cable, "clips"), 0.0, "the start"
+    clips, last, before = clip_tables(cable), 0.0, "the start"
     names = [value(table(clips, key), "name") for key in clips]
     for key in clips:
         clip, here = table(clips, key), (*path, "clips", key)
@@ -233,6 +260,11 @@ def mistakes_of(problem: Any) -> list[str]:
         if limit is not None:
             with found:
                 checks.positive(f"limits.{name}", limit, zero=name in AT_LEAST_0)
+    for name, body in problem.bodies.items():
+        with found:
+            checks.numbers(f"{dotted(('bodies', name))}.position", body.position, 3)
+        with found:
+            checks.quaternion(f"{dotted(('bodies', name))}.quaternion", body.quaternion)
     for name, part in problem.parts.items():
         _part_values(found, ("parts", name), part)
     minimise = problem.design.minimise
@@ -268,6 +300,10 @@ def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> N
     with found:
         checks.quaternion(f"{key}.quaternion", part.quaternion)
     if isinstance(shape, MeshFile):
+        with found:
+            checks.numbers(f"{key}.mesh_scale", shape.scale, 3)
+            if not all(shape.scale):
+                raise ProblemError(f"{key}.mesh_scale: found {shown(shape.scale)}, expected numbers that are not 0")
         return
     kind = f"{key}.{type(shape).__name__.lower()}"
     if isinstance(shape, Box):
@@ -287,7 +323,7 @@ def _tree(problem: Any) -> dict[str, Any]:
     variables |= {one.name: f"= {one.words}" for one in design.couplings}
     return {
         "cables": {name: _run_table(run) for name, run in problem.cables.items()},
-        "bodies": {name: {} for name in problem.bodies},
+        "bodies": {name: {"parent": body.parent} for name, body in problem.bodies.items()},
         "parts": {name: {"body": part.body} for name, part in problem.parts.items()},
         "limits": {"bend_radius": problem.limits.bend_radius or None},
         "design": {"variables": variables, "weights": dict(design.weights)},
@@ -295,7 +331,7 @@ def _tree(problem: Any) -> dict[str, Any]:
 
 
 def _run_table(run: CableRun) -> dict[str, Any]:
-    clips = by_name([_end_table(clip) for clip in run.clips])
+    clips = [_end_table(clip) for clip in run.clips]
     ends = {"start": _end_table(run.start), "end": _end_table(run.end)}
     return {"diameter": run.cable.diameter, "length": run.cable.length, **ends, **({"clips": clips} if clips else {})}
 

@@ -6,7 +6,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from harness_opt.model.cable import ENDS
-from harness_opt.model.checks import INVALID, ORIENTATIONS, KeyPath, Mistake, Tree, coupling, one_of, shown, table
+from harness_opt.model.checks import (
+    INVALID,
+    ORIENTATIONS,
+    KeyPath,
+    Mistake,
+    Tree,
+    clip_tables,
+    coupling,
+    one_of,
+    shown,
+    table,
+)
 
 
 def variables_of(cable: str, clips: Sequence[str] = ()) -> dict[str, tuple[str, str] | None]:
@@ -31,7 +42,7 @@ def mistakes_of_variables(tree: Tree) -> Iterator[Mistake]:
     known = {
         name: (cable, need)
         for cable in table(tree, "cables")
-        for name, need in variables_of(cable, list(table(tree, "cables", cable, "clips"))).items()
+        for name, need in variables_of(cable, list(clip_tables(table(tree, "cables", cable)))).items()
     }
     given = table(tree, "design", "variables")
     for name, bounds in given.items():
@@ -92,7 +103,7 @@ def _given(path: KeyPath, tree: Tree, cable: str, need: tuple[str, str]) -> Iter
     """Check that the end which a variable moves or turns has what it changes."""
     side, what = need
     given = table(tree, "cables", cable)
-    end = {**table(given, "clips"), **{name: given.get(name) for name in ENDS}}.get(side)
+    end = {**clip_tables(given), **{name: given.get(name) for name in ENDS}}.get(side)
     keys = ORIENTATIONS if what == "orientation" else ("position",)
     if isinstance(end, Mapping) and not any(key in end for key in keys):
         yield (

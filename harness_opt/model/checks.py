@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Literal, get_args
 
@@ -115,6 +115,19 @@ def value(tree: Tree, key: str) -> Any:
     """Return the value of ``key``, or None where it is missing or already named as wrong."""
     found = tree.get(key)
     return None if found is INVALID else found
+
+
+def by_name(tables: Sequence[Any]) -> dict[str, Any]:
+    """Return an array of tables as tables by their names, or by their numbers, from 0, where a name is no key."""
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
+    keys = [name if name and names.count(name) == 1 else number for number, name in enumerate(names)]
+    return {str(key): one for key, one in zip(keys, tables, strict=True)}
+
+
+def clip_tables(cable: Tree) -> dict[str, Any]:
+    """Return the clips of a cable, by name; none where they are no array."""
+    clips = cable.get("clips")
+    return by_name(clips) if isinstance(clips, (list, tuple)) else {}
 
 
 # --- how a mistake is told: the keys that lead to it, what was found, what is expected ----------------------

@@ -22,12 +22,14 @@ class MeshFile:
         unit: of its coordinates: "m", "cm", "mm", "in"; None where the format carries its own (GLB: metres).
         shell: whether a surface that is not closed will do: it has no inside, so a cable there goes unnoticed.
         up: its axis that points up, "y" or "z"; None for what its format says.
+        scale: by which its coordinates are multiplied, after it was turned up, none 0; below 0 mirrors.
     """
 
     path: Path
     unit: str | None = None
     shell: bool = False
     up: Literal["y", "z"] | None = None
+    scale: Vector = (1.0, 1.0, 1.0)
 
     @property
     def up_axis(self) -> Literal["y", "z"]:

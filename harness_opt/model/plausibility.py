@@ -10,8 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from harness_opt.model.bodies import Hinge, Slide
+from harness_opt.model.bodies import Hinge, Slide, seconds_of
 from harness_opt.model.cable import Cable
+from harness_opt.model.courses import ValueTable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
@@ -28,6 +29,7 @@ LIGHTEST = 1.2  # kg/m3, air
 MOST_RATIO = 100.0  # of torsional to bending stiffness, either way; a round rod has 2/3 to 1
 STRONGEST = 25.0  # m/s2, gravity on Jupiter
 MOST_DEGREES = 3600.0  # of a hinge: ten turns
+BEYOND = 0.01  # of a table's whole way, that a spline may go beyond its values
 LARGEST_PART = 100.0  # lengths of the longest cable
 MISTAKEN = 30.0  # between a length as meant, once or twice what it spans, and one in millimetres, a thousand times that
 SMALLEST_PART = 0.1  # diameters of the thinnest cable
@@ -102,10 +104,29 @@ def _surroundings(problem: Problem) -> Iterator[str]:
         yield f"gravity: found {problem.gravity[2]:g} m/s2 along z, which is up"
     for name, body in problem.bodies.items():
         key, motion = f"bodies.{name}.motion", body.motion
-        if isinstance(motion, (Hinge, Slide)) and motion.start == motion.stop:
+        if not isinstance(motion, (Hinge, Slide)):
+            continue
+        low, high = sorted((motion.start, motion.stop)) if motion.follows is None else motion.follows.range
+        if low == high:
             yield f"{key}: found the same value at its begin and its end, so the body stands still"
-        elif isinstance(motion, Hinge) and math.degrees(abs(motion.stop - motion.start)) > MOST_DEGREES:
-            yield f"{key}: found {math.degrees(abs(motion.stop - motion.start)):g} degrees, more than ten turns"
+        elif isinstance(motion, Hinge) and math.degrees(high - low) > MOST_DEGREES:
+            yield f"{key}: found {math.degrees(high - low):g} degrees, more than ten turns"
+        if isinstance(motion.follows, ValueTable) and motion.follows.beyond > BEYOND * (high - low):
+            beyond = motion.follows.beyond
+            most = f"{math.degrees(beyond):.3g} deg" if isinstance(motion, Hinge) else f"{1e3 * beyond:.3g} mm"
+            words = f"found rows so far apart that a smooth curve through them goes {most} beyond their values"
+            yield f"{key}.file: {words}; give more rows, or moves"
+    yield from _clocks(problem)
+
+
+def _clocks(problem: Problem) -> Iterator[str]:
+    """Yield bodies that go through their times faster or slower than another does."""
+    told = {name: seconds for name, body in problem.bodies.items() if (seconds := seconds_of(body.motion)) is not None}
+    longest = max(told, key=lambda name: told[name], default="")
+    for name, seconds in told.items():
+        if not math.isclose(seconds, told[longest], rel_tol=1e-6):
+            words = f"found {seconds:.6g} s, where that of {longest} takes {told[longest]:.6g} s"
+            yield f"bodies.{name}.motion: {words}; each is gone through over the whole motion"
 
 
 def _lengths(problem: Problem) -> Iterator[str]:

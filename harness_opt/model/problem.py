@@ -7,6 +7,7 @@ These classes check themselves: what cannot exist raises :class:`~harness_opt.er
 from __future__ import annotations
 
 import copy
+import functools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -19,9 +20,10 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
 from harness_opt.model.between import mistakes_of
-from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide
+from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, chain, composed
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
+from harness_opt.model.courses import polyline
 from harness_opt.model.design import Design, Limits, Robust
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.numerics import rotations
@@ -91,21 +93,35 @@ class Problem:
     def poses(self, body: str, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of ``body`` at ``motion`` (P,) from 0 to 1, there and back."""
         at = np.asarray(motion, dtype=float)
-        return self.body(body).poses(1.0 - np.abs(2.0 * at - 1.0) if self.out_and_back else at)
+        return self._once(body, 1.0 - np.abs(2.0 * at - 1.0) if self.out_and_back else at)
+
+    def _once(self, body: str, motion: Array) -> tuple[Array, Array]:
+        """Return the poses of ``body`` in the world, on the way there."""
+        carried = chain(self.bodies, body)
+        if not carried:
+            return Body().poses(motion)
+        return functools.reduce(composed, (one.poses(motion) for one in carried))
 
     def rates(self, body: str, first: Array, last: Array) -> Rates:
         """Return bounds on how fast ``body`` moves from motion value ``first`` (k,) to ``last`` (k,).
 
         A motion there and back turns round at 0.5; no stretch may hold that value within it.
         """
-        moves = self.body(body).motion
-        if moves is None:
-            return Rates.steady(np.zeros(3), len(first))
         if not self.out_and_back:
-            return moves.rates(first, last)
+            return self._rates_once(body, first, last)
         there = np.sort(1.0 - np.abs(2.0 * np.stack([first, last]) - 1.0), axis=0)
-        once = moves.rates(there[0], there[1])
+        once = self._rates_once(body, there[0], there[1])
         return Rates(once.centre, 2 * once.speed, 4 * once.acceleration, 2 * once.turning, 4 * once.turning_change)
+
+    def _rates_once(self, body: str, first: Array, last: Array) -> Rates:
+        """Return bounds on how fast ``body`` moves in the world, on the way there."""
+        middle = 0.5 * (first + last)
+        rates, pose = Rates.steady(np.zeros(3), len(first)), Body().poses(middle)
+        for one in chain(self.bodies, body):
+            if one.motion is not None:  # what is fixed to its parent moves as that does
+                rates = one.motion.rates(first, last).carried(rates, pose, last - first)
+            pose = composed(pose, one.poses(middle))
+        return rates
 
     def ends(self, cable: str, motion: ArrayLike) -> list[tuple[End, End]]:
         """Return the start and end of ``cable`` in world coordinates at each ``motion`` (P,) from 0 to 1."""
@@ -113,6 +129,10 @@ class Problem:
         start_poses = zip(*self.poses(run.start.body, motion), strict=True)
         end_poses = zip(*self.poses(run.end.body, motion), strict=True)
         return [(run.start.placed(*a), run.end.placed(*b)) for a, b in zip(start_poses, end_poses, strict=True)]
+
+    def is_moved(self, body: str) -> bool:
+        """Return whether ``body`` moves, by itself or with one that carries it."""
+        return any(one.motion is not None for one in chain(self.bodies, body))
 
     @property
     def moves(self) -> bool:
@@ -161,9 +181,7 @@ def held_as(problem: Problem, cable: str, at: float, frames: Sequence[Array]) ->
 def input_files(problem: Problem) -> list[Path]:
     """Return the files that ``problem`` was read from and still needs."""
     files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
-    files += [
-        body.motion.file for body in problem.bodies.values() if isinstance(body.motion, Poses) and body.motion.file
-    ]
+    files += [body.table for body in problem.bodies.values() if body.table is not None]
     return [*files, problem.file] if problem.file else files
 
 
@@ -220,22 +238,27 @@ def turns_about_its_clamps(problem: Problem, cable: str) -> bool:
 
 @dataclass(frozen=True)
 class Travel:
-    """The way of one body, which goes evenly with the motion value.
+    """The way of one body, which goes evenly with the motion value, or through places of its own.
 
     Args:
         body: its name; empty for the time of the whole motion.
         unit: "deg", "mm" or "s".
         start, stop: where it begins and ends, in that unit.
+        shares, values: motion values and where it is there, straight between; empty where it goes evenly.
     """
 
     body: str
     unit: str
     start: float
     stop: float
+    shares: Sequence[float] = ()
+    values: Sequence[float] = ()
 
     def at(self, share: float) -> str:
-        """Return where it is at ``share`` of its way, 0 to 1, in words: ``55.0 deg``."""
+        """Return where it is at ``share`` of the motion, 0 to 1, in words: ``55.0 deg``."""
         value = self.start + share * (self.stop - self.start)
+        if self.shares:
+            value = float(np.interp(share, self.shares, self.values))
         return f"{value:.{DIGITS[self.unit]}f} {self.unit}".replace("-0.0 ", "0.0 ")
 
 
@@ -245,12 +268,24 @@ def travels(problem: Problem) -> tuple[Travel, ...]:
     for name, body in problem.bodies.items():
         motion = body.motion
         if isinstance(motion, Hinge):
-            found.append(Travel(name, "deg", math.degrees(motion.start), math.degrees(motion.stop)))
+            found.append(_travel(name, "deg", motion))
         elif isinstance(motion, Slide):
-            found.append(Travel(name, "mm", 1e3 * motion.start, 1e3 * motion.stop))
+            found.append(_travel(name, "mm", motion))
         elif isinstance(motion, Poses):
             found.append(Travel(name, "s", motion.times[0], motion.times[-1]))
     return tuple(found)
+
+
+def _travel(name: str, unit: str, motion: Hinge | Slide) -> Travel:
+    """Return the way of a body on a hinge or a slide: to half of the last digit that is told of it."""
+    start, stop = (math.degrees(end) if unit == "deg" else 1e3 * end for end in (motion.start, motion.stop))
+    if motion.follows is None:
+        return Travel(name, unit, start, stop)
+    factor = {"deg": math.degrees(1.0), "mm": 1e3}[unit]
+    at, values = polyline(motion.follows, 0.5 * 10.0 ** -DIGITS[unit] / factor)
+    return Travel(
+        name, unit, start, stop, tuple(np.round(at, 6).tolist()), tuple(np.round(factor * values, 4).tolist())
+    )
 
 
 @dataclass(frozen=True)

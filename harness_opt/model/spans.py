@@ -145,6 +145,12 @@ def shortest(problem: Problem, cable: str) -> tuple[float, float]:
     return float(distance[worst]), float(motion[worst])
 
 
+def slack(problem: Problem, span: Span, motion: Array) -> Array | None:
+    """Return by how much a span of ``problem``, which is in spans, is longer than its clamps are apart, (P,), m."""
+    way = clamp_way(problem, span.name, motion)
+    return None if way is None else np.asarray(span.last - span.first - np.linalg.norm(way, axis=1))
+
+
 def too_short(problem: Problem, cables: Iterable[str]) -> dict[str, str]:
     """Return what is wrong with those of ``cables`` that are too short for their clamps at some moment, by span."""
     found, names, apart = {}, set(cables), in_spans(problem)

@@ -145,7 +145,7 @@ def _stable(rods: Rod, kind: Kind) -> NDArray[np.bool_]:
 def _rests(problem: Problem, cable: str) -> bool:
     """Whether neither end of ``cable`` moves."""
     run = problem.cables[cable]
-    return all(problem.body(end.body).motion is None for end in (run.start, run.end))
+    return not any(problem.is_moved(end.body) for end in (run.start, run.end))
 
 
 def _rods(problem: Problem, cable: str, shapes: CableMotion, frames: Indices) -> Rod:

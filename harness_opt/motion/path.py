@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.problem import Problem
+from harness_opt.model.spans import in_spans, spans_of
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -90,10 +91,15 @@ def given_frames(frames: ArrayLike, spatial_step: float | None) -> Array:
 def clamp_twist(problem: Problem, name: str) -> float | None:
     """Return the twist, rad, that the clamps build into a cable; None where they leave it none to keep.
 
-    Of a cable that is fitted untwisted, what its ends are turned by afterwards. Else what joins the clamps along the
-    curve that the first shape is looked for from: nothing is solved for it.
+    Of one with clips, all spans together. Of a cable that is fitted untwisted, what its ends are turned by afterwards.
+    Else what joins the clamps along the curve that the first shape is looked for from: nothing is solved for it.
     """
     run = problem.cables[name]
+    if run.clips:
+        apart = in_spans(problem)
+        twists = [clamp_twist(apart, span.name) for span in spans_of(problem).values() if span.cable == name]
+        known = [twist for twist in twists if twist is not None]
+        return sum(known) if len(known) == len(twists) else None
     if run.untwisted is not None:
         return 2.0 * math.pi * run.turned_in
     # only a cable whose rolls are given asks for what solves

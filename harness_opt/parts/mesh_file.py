@@ -49,6 +49,9 @@ def read_mesh(key: str, mesh: MeshFile) -> tuple[Array, Indices, bool]:
     vertices, faces = _read(key, mesh)
     if mesh.up_axis == "y":
         vertices = vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]  # (x, -z, y)
+    vertices = vertices * mesh.scale
+    if np.prod(np.sign(mesh.scale)) < 0:
+        faces = faces[:, ::-1]  # mirrored: what was outside would be inside
     closed, faces = closed_outward(vertices, faces)
     if not (closed or mesh.shell):
         raise ProblemError(

@@ -14,7 +14,6 @@ import numpy as np
 
 from harness_opt.files.stored_results import USED
 from harness_opt.files.write import problem_text
-from harness_opt.model.bodies import Body, Poses
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.problem import Problem
 from harness_opt.parts.mesh import Mesh
@@ -54,10 +53,7 @@ def _carried(problem: Problem, meshes: Mapping[str, MeshFile]) -> Problem:
         name: Part(meshes[name], part.body, clearance=part.clearance) if name in meshes else part
         for name, part in problem.parts.items()
     }
-    bodies = {
-        name: Body(dataclasses.replace(body.motion, file=None)) if isinstance(body.motion, Poses) else body
-        for name, body in problem.bodies.items()
-    }
+    bodies = {name: body.without_file for name, body in problem.bodies.items()}
     return dataclasses.replace(problem, parts=parts, bodies=bodies, file=None, sha256=None)
 
 

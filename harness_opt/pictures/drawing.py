@@ -84,7 +84,7 @@ def look(shown: DrawnFrame, part: Geometry) -> tuple[float, str]:
     """Return the opacity and the colour of a part; what a cable runs into is glass, to see it inside."""
     if part.name in shown.touched:
         return 0.42, HIT_PART
-    return 1.0, STILL_PART if shown.motion.problem.body(part.body).motion is None else MOVING_PART
+    return 1.0, MOVING_PART if shown.motion.problem.is_moved(part.body) else STILL_PART
 
 
 def add_solid(plotter: pv.Plotter, name: str, mesh: pv.PolyData, opacity: float, colour: str) -> None:

@@ -163,7 +163,7 @@ def _paraview(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
             shown[f"cable_{cables[name]}_{frame:05d}.vtp"] = line
         for name, solid in solids.items():
             body = scene.parts[name].body
-            number = "" if motion.problem.body(body).motion is None else f".{frame:05d}"  # no name has a dot
+            number = f".{frame:05d}" if motion.problem.is_moved(body) else ""  # no name has a dot
             placed = solid.transform(placement(*pose_at(motion, frame, body)), inplace=False)
             shown[f"part_{parts[name]}{number}.vtp"] = placed
         for place, (name, mesh) in enumerate(shown.items()):

@@ -121,7 +121,7 @@ def gltf(motion: Motion, scene: Scene) -> bytes:
 
 def _body(writer: _Writer, motion: Motion, scene: Scene, body: str, times: int) -> int:
     """Add a body with its parts and its motion, and return its node."""
-    moving = motion.problem.body(body).motion is not None
+    moving = motion.problem.is_moved(body)
     position, quaternion = motion.problem.poses(body, motion.motion)
     held = []
     for part in (part for part in scene.parts.values() if part.body == body):

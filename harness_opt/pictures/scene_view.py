@@ -147,7 +147,7 @@ class SceneView:
                 style: dict[str, Any] = {"color": shown.colours[name], "opacity": 0.22, "render": False}
                 self.plotter.add_mesh(faint, name=f"ghost cable:{name}:{frame}", **style)
             for name, part in self.scene.parts.items():
-                if problem.body(part.body).motion is not None:
+                if problem.is_moved(part.body):
                     placed = meshes[name].transform(placement(*pose_at(self.motion, frame, part.body)), inplace=False)
                     add_solid(self.plotter, f"ghost part:{name}:{frame}", placed, 0.1, MOVING_PART)
 

@@ -220,7 +220,7 @@ def _draw_ghosts(plotter: pv.Plotter, shown: DrawnFrame, meshes: Mapping[str, pv
         if abs(motion.motion[frame] - motion.motion[shown.frame]) < GHOST_GAP:
             continue
         for name, part in shown.scene.parts.items():
-            if problem.body(part.body).motion is not None:
+            if problem.is_moved(part.body):
                 placed = meshes[name].transform(placement(*pose_at(motion, frame, part.body)), inplace=False)
                 add_solid(plotter, f"ghost part:{name}:{frame}", placed, 0.13, MOVING_PART)
         for name, shapes in motion.cables.items():

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from harness_opt.clearance.what_counts import let_off_length
-from harness_opt.model.bodies import WORLD, Body, Hinge, Slide
+from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
 from harness_opt.model.cable import CableRun, Clip, End
+from harness_opt.model.courses import Course, Moves, ValueTable
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Moments, Problem, left_out
-from harness_opt.model.spans import Span, clamp_way, in_spans, spans_of
+from harness_opt.model.spans import Span, in_spans, slack, spans_of
 from harness_opt.motion.path import clamp_twist, place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -85,35 +86,20 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
         "end": _end(run.end),
         "clips": {clip.name: {"at": clip.at, **_end(clip)} for clip in run.clips},
         "turns": run.turned_in,
-        "clamp_twist": _total([clamp_twist(apart, span.name) for span in spans]),
+        "clamp_twist": clamp_twist(problem, name),
         "fitted_at": None if run.untwisted is None else run.fitted_at,
         "fitted_where": None if run.untwisted is None else Moments.of(problem).words(run.fitted_at),
     }
 
 
-def _total(twists: Sequence[float | None]) -> float | None:
-    """Return the twist of all spans together, rad; None where clamps leave one none to keep."""
-    known = [twist for twist in twists if twist is not None]
-    return sum(known) if len(known) == len(twists) else None
-
-
 def _span(problem: Problem, span: Span, motion: Array) -> Json:
-    """Return what is known of a span of ``problem``, which is in spans: its length, and its slack where it has two
-    places.
-    """
-    length, way = span.last - span.first, clamp_way(problem, span.name, motion)
-    found: Json = {
-        "from": span.clamps[0],
-        "to": span.clamps[1],
-        "length": length,
-        "slack": None,
-        "least_slack_at": None,
-    }
-    if way is not None:
-        slack = length - np.linalg.norm(way, axis=1)
-        found["slack"] = [float(np.min(slack)), float(np.max(slack))]
-        found["least_slack_at"] = Moments.of(problem).words(float(motion[np.argmin(slack)]))
-    return found
+    """Return the clamps of a span of ``problem``, which is in spans, its least and most slack, and where that is."""
+    found: Json = {"from": span.clamps[0], "to": span.clamps[1], "slack": None, "least_slack_at": None}
+    left = slack(problem, span, motion)
+    if left is None:
+        return found
+    tight = Moments.of(problem).words(float(motion[np.argmin(left)]))
+    return found | {"slack": [float(np.min(left)), float(np.max(left))], "least_slack_at": tight}
 
 
 def _variable(problem: Problem, variable: Variable) -> Json:
@@ -150,23 +136,40 @@ def _end(end: End) -> Json:
 
 
 def _body(body: Body) -> Json:
-    motion = body.motion
+    stands = {"position": list(body.position), "quaternion": list(body.quaternion)} if body.is_placed else {}
+    return {"parent": body.parent, **stands, **_body_motion(body.motion)}
+
+
+def _body_motion(motion: BodyMotion | None) -> Json:
     if motion is None:
         return {"kind": "still"}
     if isinstance(motion, Hinge):
         angles = [math.degrees(motion.start), math.degrees(motion.stop)]
-        return {"kind": "hinge", "point": list(motion.point), "axis": list(motion.axis), "angles_deg": angles}
+        line = {"kind": "hinge", "point": list(motion.point), "axis": list(motion.axis), "angles_deg": angles}
+        return line | _course(motion.follows)
     if isinstance(motion, Slide):
         return {
             "kind": "slide",
             "direction": list(motion.direction),
             "travel": [motion.start, motion.stop],
+            **_course(motion.follows),
         }
     return {
         "kind": "poses",
         "count": len(motion.times),
         "file": None if motion.file is None else motion.file.name,
     }
+
+
+def _course(course: Course | None) -> Json:
+    """Return what a hinge or a slide follows; nothing where it goes evenly."""
+    if course is None:
+        return {}
+    told: Json = {"seconds": course.seconds, "range": list(course.range)}
+    if isinstance(course, ValueTable):
+        file = None if course.file is None else course.file.name
+        return {"follows": told | {"count": len(course.times), "file": file}}
+    return {"follows": told | {"moves": len(course.moves) if isinstance(course, Moves) else 0}}
 
 
 def _part(problem: Problem, name: str, part: Part, geometry: Geometry) -> Json:
@@ -325,15 +328,32 @@ def _body_lines(content: Mapping[str, Any]) -> Iterator[str]:
             point = f"the point {_place(body['point'])} mm"
             axis = f"the axis {_direction(body['axis'])}"
             start, stop = body["angles_deg"]
-            words = f"turns about {axis} through {point}, from {start:g} to {stop:g} deg"
+            words = f"turns about {axis} through {point}, from {start:.6g} to {stop:.6g} deg"
+            words += _follows_words(body, lambda angle: f"{math.degrees(angle):.6g}", "deg")
         elif body["kind"] == "slide":
             start, stop = (_mm(travel) for travel in body["travel"])
             words = f"slides along {_direction(body['direction'])}, from {start} to {stop} mm"
+            words += _follows_words(body, _mm, "mm")
         elif body["kind"] == "poses":
             words = f"follows the {body['count']} poses of {body['file'] or 'a table'}"
         else:
-            words = "stands still"
-        yield f"Body {name}: {words}."
+            words = "stands still" if body["parent"] == WORLD else "is fixed"
+        carried = "" if body["parent"] == WORLD else f", on {body['parent']}"
+        carried += f", at {_place(body['position'])} mm" if "position" in body else ""
+        yield f"Body {name}{carried}: {words}."
+
+
+def _follows_words(body: Mapping[str, Any], number: Callable[[float], str], unit: str) -> str:
+    """Return the words for a course that a hinge or a slide follows."""
+    course = body.get("follows")
+    if course is None:
+        return ""
+    low, high = (number(value) for value in course["range"])
+    if "count" in course:
+        by = f"the {course['count']} rows of {course['file'] or 'a table'}"
+    else:
+        by = "one move" if course["moves"] == 1 else f"{course['moves']} moves"
+    return f", by {by} in {course['seconds']:.6g} s, within {low} and {high} {unit}"
 
 
 def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:

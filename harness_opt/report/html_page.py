@@ -21,7 +21,7 @@ import numpy as np
 from harness_opt.clearance.limits import all_limits, bending, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.files.summary import Summary
+from harness_opt.files.summary import Summary, path_entry
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
 from harness_opt.model.problem import Moments, Problem
@@ -137,7 +137,7 @@ def _stage(
         "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "path": dataclasses.asdict(Moments.of(motion.problem)),
+        "path": path_entry(Moments.of(motion.problem)),
         "worst": worst[0],
         "begin": worst[0],
     }

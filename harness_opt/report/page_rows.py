@@ -10,8 +10,9 @@ import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import LimitEntry, Summary, limit_of, moments_of
-from harness_opt.model.bodies import Hinge, Poses, Slide
+from harness_opt.model.bodies import WORLD, BodyMotion, Hinge, Poses, Slide
 from harness_opt.model.cable import CableRun, Clip, End
+from harness_opt.model.courses import Course, Moves, ValueTable
 from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.problem import Moments, Problem, travels
 from harness_opt.model.results import Motion
@@ -367,14 +368,31 @@ def roll_words(end: End) -> str:
 
 def motion_words(problem: Problem, name: str) -> str:
     """Return how a body moves: about which line, or which way."""
-    motion = problem.body(name).motion
+    body = problem.body(name)
+    words = _own_motion_words(body.motion)
+    return words if body.parent == WORLD else f"{words}, on {body.parent}"
+
+
+def _own_motion_words(motion: BodyMotion | None) -> str:
     if isinstance(motion, Hinge):
-        return f"turns about {_numbers(motion.axis)} through {_numbers(1e3 * np.asarray(motion.point))} mm"
+        line = f"{_numbers(motion.axis)} through {_numbers(1e3 * np.asarray(motion.point))} mm"
+        return f"turns about {line}{_course_words(motion.follows)}"
     if isinstance(motion, Slide):
-        return f"slides along {_numbers(motion.direction)}"
+        return f"slides along {_numbers(motion.direction)}{_course_words(motion.follows)}"
     if isinstance(motion, Poses):
         return f"follows {len(motion.times)} poses" + ("" if motion.file is None else f" of {motion.file.name}")
     return "stands still"
+
+
+def _course_words(course: Course | None) -> str:
+    """Return what a hinge or a slide follows; nothing where it goes evenly."""
+    if isinstance(course, ValueTable):
+        by = f"{len(course.times)} rows" + ("" if course.file is None else f" of {course.file.name}")
+    elif isinstance(course, Moves):
+        by = "one move" if len(course.moves) == 1 else f"{len(course.moves)} moves"
+    else:
+        return ""
+    return f", by {by} in {course.seconds:.4g} s"
 
 
 def _numbers(values: Sequence[float] | rotations.Array) -> str:

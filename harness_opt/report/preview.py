@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from harness_opt.files.summary import path_entry
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Hinge
 from harness_opt.model.cable import End
@@ -108,7 +108,7 @@ def _data(problem: Problem, scene: Scene, odd_parts: set[str | None], odd_clamps
         "scales": {},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "path": dataclasses.asdict(Moments.of(problem)),
+        "path": path_entry(Moments.of(problem)),
         "worst": 0.0,
         "begin": 0.0,
         "rows": [],
@@ -171,15 +171,17 @@ def _links(problem: Problem) -> list[Json]:
 
 
 def _axes(problem: Problem, hold: Array, size: float) -> list[Json]:
-    """Return the lines that hinges turn about, in the world, where they pass the scene."""
+    """Return the lines that hinges turn about, on what carries them, where they pass the scene."""
     found = []
     for body in problem.bodies.values():
         if isinstance(body.motion, Hinge):
             axis = rotations.normalise(np.asarray(body.motion.axis, dtype=float))
             point = np.asarray(body.motion.point, dtype=float)
-            middle = point + axis * float(axis @ (hold.mean(axis=0) - point))
+            position, turn = (pose[0] for pose in problem.poses(body.parent, [0.0]))
+            scene = rotations.rotate(rotations.conjugate(turn), hold.mean(axis=0) - position)
+            middle = point + axis * float(axis @ (scene - point))
             ends = [middle + sign * 0.5 * AXIS * size * axis for sign in (-1.0, 1.0)]
-            found.append({"ends": [{"body": "world", "position": end.tolist()} for end in ends], "colour": None})
+            found.append({"ends": [{"body": body.parent, "position": end.tolist()} for end in ends], "colour": None})
     return found
 
 

@@ -145,7 +145,7 @@ def part_data(problem: Problem, scene: Scene) -> list[Json]:
             {
                 "name": name,
                 "body": body,
-                "moves": problem.body(body).motion is not None,
+                "moves": problem.is_moved(body),
                 "closed": scene.parts[name].closed,
                 "triangles": len(kept),
                 "triangles_of": len(faces),

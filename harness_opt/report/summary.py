@@ -22,16 +22,15 @@ from harness_opt.files.summary import (
     CycleEntry,
     LimitEntry,
     PairEntry,
-    PathEntry,
     ProblemEntry,
     RangeEntry,
     SheetEntry,
     SnapEntry,
     Summary,
-    TravelEntry,
     Verdict,
     limit_entry,
     obstacle_entry,
+    path_entry,
 )
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
@@ -106,7 +105,7 @@ def summary(
         "reason": result.status.name.lower(),
         "message": result.message,
         "frames": len(motion.motion),
-        "path": _path(motion.problem),
+        "path": path_entry(Moments.of(motion.problem)),
         "limits": [_limit(row, measured) for row in rows],
         "clearances": [_pair(pair) for pair in measured.pairs],
         "open_meshes": sorted({pair.obstacle.name for pair in measured.pairs if not pair.closed}),
@@ -127,12 +126,6 @@ def summary(
         content["redesign"] = redesign_summary(result)
     found: Summary = _strict(content)
     return found
-
-
-def _path(problem: Problem) -> PathEntry:
-    moments = Moments.of(problem)
-    ways = [TravelEntry(body=w.body, unit=w.unit, start=w.start, stop=w.stop) for w in moments.ways]
-    return PathEntry(ways=ways, duration=moments.duration, out_and_back=moments.out_and_back)
 
 
 def _snap(snap: Snap) -> SnapEntry:

@@ -10,8 +10,8 @@ import numpy as np
 from harness_opt.clearance.limits import STRAIGHT
 from harness_opt.design.key_derivatives import Linear
 from harness_opt.files.quantity_keys import Quantity
+from harness_opt.model.design import Tolerance
 from harness_opt.model.limits import LimitId, LimitKind
-from harness_opt.model.tolerances import Tolerance
 
 MM = 1e-3  # of a metre
 PERCENT = 1e-2

@@ -18,7 +18,7 @@ from harness_opt.files.read import MOST_BYTES, content_of, toml_tables
 from harness_opt.files.tolerance_table import WIDTHS, ToleranceTable, tolerance
 from harness_opt.files.values import Expected, Number, Seed, Table, Text, Whole, only_integer, schema_of, structured
 from harness_opt.model.checks import dotted, one_of, shown
-from harness_opt.model.tolerances import Tolerance
+from harness_opt.model.design import Tolerance
 from harness_opt.studies.shared_problem import COMMANDS, Command
 from harness_opt.studies.variations import METHODS, MOST_VARIANTS, Variations
 

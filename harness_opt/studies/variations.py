@@ -14,7 +14,7 @@ from harness_opt.errors import ProblemError
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.quantity_keys import Quantity
 from harness_opt.model.checks import dotted, one_of, shown
-from harness_opt.model.tolerances import Tolerance
+from harness_opt.model.design import Tolerance
 from harness_opt.numerics.rotations import Array
 
 Method = Literal["grid", "list", "latin hypercube", "monte carlo"]
@@ -34,7 +34,7 @@ class Variations:
     Args:
         method: "grid" (all combinations of listed values), "list" (the variants as given), "latin hypercube" or
             "monte carlo".
-        vary: by key of the problem: the values of a grid; or a :class:`~harness_opt.model.tolerances.Tolerance` to
+        vary: by key of the problem: the values of a grid; or a :class:`~harness_opt.model.design.Tolerance` to
             sample, or values of which each is as likely.
         samples: how many variants to sample.
         seed: of the samples; the same gives the same.

@@ -17,8 +17,7 @@ from harness_opt.design.key_derivatives import Linear
 from harness_opt.design.robustness import judged
 from harness_opt.files.quantity_keys import Quantity
 from harness_opt.files.read import read_problem, write_problem
-from harness_opt.model.design import Robust
-from harness_opt.model.tolerances import Tolerance
+from harness_opt.model.design import Robust, Tolerance
 from harness_opt.studies.yields import measured
 from oracles.flap import HIT, PLAIN, put, strict
 

@@ -39,9 +39,9 @@ def test_kind_is_fixed(file):
 
 WRONG = [
     ('name = "elbow"', 'name = "length"', 'clips.length.name: found "length", expected another name than start, end'),
-    ('name = "elbow"', 'name = "wrist"', 'clips.1.name: found "wrist", expected a name of its own'),
+    ('name = "elbow"', 'name = "wrist"', 'clips.0.name: found "wrist", expected a name of its own'),
     ('name = "elbow"', 'name = "a.b"', 'clips."a.b".name: found the name "a.b", expected a name of letters'),
-    ('name = "elbow"', "", "clips.1.name: found nothing, expected text in quotes"),
+    ('name = "elbow"', "", "clips.0.name: found nothing, expected text in quotes"),
     ("at = 0.15", "at = 0.5", 'clips.wrist.at: found 0.42, expected more than 0.5, where clip "elbow" is'),
     ("at = 0.15", "at = -1", "clips.elbow.at: found -1, expected a number above 0"),
     ("at = 0.15", "", "clips.elbow.at: found nothing, expected a number above 0"),
@@ -73,7 +73,7 @@ def wrong_in_python() -> dict[str, tuple]:
     """Return clips that cannot be, by what is said of them."""
     elbow, wrist = arm().cables["lead"].clips
     return {
-        'cables.lead.clips.1.name: found "wrist", expected a name of its own': (
+        'cables.lead.clips.0.name: found "wrist", expected a name of its own': (
             dataclasses.replace(elbow, name="wrist"),
             wrist,
         ),

@@ -111,6 +111,27 @@ BETWEEN = [
         'body = "wrold"\n',
         "parts.housing.body: found \"wrold\", expected one of 'world', 'arm'; did",
     ),
+    (
+        "[bodies.arm.motion]",
+        "[bodies.arm]\nparent = 'amr'\n[bodies.arm.motion]",
+        "bodies.arm.parent: found \"amr\", expected one of 'world', 'arm'; did you mean 'arm'?",
+    ),
+    (
+        "[bodies.arm.motion]",
+        "[bodies.hand]\nparent = 'arm'\n[bodies.arm]\nparent = 'hand'\n[bodies.arm.motion]",
+        'bodies.hand.parent: found a circle, "hand" on "arm" on "hand", expected one that leads to the world',
+    ),
+    (
+        "[bodies.arm.motion]",
+        "[bodies.arm]\nparent = 3\n[bodies.arm.motion]",
+        "bodies.arm.parent: found 3, expected",
+    ),
+    ("[bodies.arm.motion]", "[bodies.arm]\nposition = 3\n[bodies.arm.motion]", "bodies.arm.position: found 3, expec"),
+    (
+        'mesh_unit = "mm"',
+        'mesh_unit = "mm"\nmesh_scale = [1, 0, 1]',
+        "parts.housing.mesh_scale: found [1, 0, 1], expec",
+    ),
     ("[bodies.arm.motion]", "[bodies.world]\n[bodies.arm.motion]", 'bodies.world: found "world", expected another'),
     ("[cables.lead]", '[cables."a/b"]', 'cables."a/b": found the name "a/b", expected a name of letters'),
     ("density = 5571", "density = 1\nmass_per_length = 1", "cables.lead.density: found mass_per_length as well"),

@@ -139,7 +139,12 @@ parts = st.builds(
 
 @st.composite
 def problems(draw: st.DrawFn) -> Problem:
-    bodies = draw(st.dictionaries(names, st.builds(Body, motions), max_size=2))
+    stands = st.sampled_from([(0.0, 0.0, 0.0), (0.1, 0.0, -0.3)])
+    placed = st.builds(Body, motions, position=stands, quaternion=st.just((1.0, 0.0, 0.0, 0.0)) | quaternions)
+    bodies = draw(st.dictionaries(names, placed, max_size=2))
+    if len(bodies) == 2 and draw(st.booleans()):
+        carried, carrying = bodies
+        bodies[carried] = dataclasses.replace(bodies[carried], parent=carrying)
     body = st.sampled_from(["world", *bodies])
     clamps = st.builds(End, position=vectors, quaternion=quaternions, body=body)
     loads = st.builds(End, force=optional(vectors), moment=optional(vectors))
@@ -169,7 +174,9 @@ def problems(draw: st.DrawFn) -> Problem:
 def near(problem: Problem) -> Problem:
     """Return ``problem`` with angles rounded to what degrees keep, 1e-12 rad."""
     bodies = {
-        name: Body(dataclasses.replace(b.motion, start=round(b.motion.start, 12), stop=round(b.motion.stop, 12)))
+        name: dataclasses.replace(
+            b, motion=dataclasses.replace(b.motion, start=round(b.motion.start, 12), stop=round(b.motion.stop, 12))
+        )
         if isinstance(b.motion, Hinge)
         else b
         for name, b in problem.bodies.items()

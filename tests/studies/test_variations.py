@@ -12,8 +12,7 @@ from scipy import stats
 import harness_opt as ho
 from harness_opt.errors import ProblemError
 from harness_opt.model import design_variables
-from harness_opt.model.design import Design, Variable
-from harness_opt.model.tolerances import Tolerance
+from harness_opt.model.design import Design, Tolerance, Variable
 from harness_opt.numerics import rotations
 from harness_opt.parts.scene import load_scene
 from harness_opt.studies.shared_problem import LocalProblem, Shared

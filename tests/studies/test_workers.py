@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from harness_opt.errors import HarnessError
-from harness_opt.model.tolerances import Tolerance
+from harness_opt.model.design import Tolerance
 from harness_opt.studies.study import plan, study
 from harness_opt.studies.variant import run_variant
 from harness_opt.studies.variations import Variations

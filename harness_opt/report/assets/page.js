@@ -26,11 +26,20 @@ function solvedFrame() {
   return best;
 }
 
+/** Where a body is at a share of the motion: evenly on its way, or straight between its own places. */
+function place({ start, stop, shares, values }, share) {
+  const after = shares ? shares.findIndex((at) => at >= share) : -1;
+  if (after < 0) return start + share * (stop - start);
+  if (after === 0) return values[0];
+  const part = (share - shares[after - 1]) / (shares[after] - shares[after - 1]);
+  return values[after - 1] + part * (values[after] - values[after - 1]);
+}
+
 /** A moment, 0 to 1, in the unit of each body that moves, and per cent. */
 function told(moment) {
   const { ways, out_and_back: back } = data.path, share = back ? 1 - Math.abs(2 * moment - 1) : moment;
-  const places = ways.slice(0, MOST_TOLD).map(({ body, unit, start, stop }) => {
-    const value = (start + share * (stop - start)).toFixed(unit === "s" ? 2 : 1);
+  const places = ways.slice(0, MOST_TOLD).map((way) => {
+    const { body, unit } = way, value = place(way, share).toFixed(unit === "s" ? 2 : 1);
     return `${ways.length > 1 ? `${body} ` : ""}${value === "-0.0" ? "0.0" : value} ${unit}`;
   });
   const way = back && moment > 0.5 ? " on the way back" : "";
