@@ -20,6 +20,9 @@ from .errors import (
 )
 from .files.read import read_problem as read_problem
 from .files.read import write_problem as write_problem
+from .measured.fit import Identification as Identification
+from .measured.fit import identify as identify
+from .measured.measurements_file import read_measurements as read_measurements
 from .model.bodies import Body as Body
 from .model.bodies import Hinge as Hinge
 from .model.bodies import Poses as Poses

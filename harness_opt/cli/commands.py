@@ -266,6 +266,30 @@ def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[P
 
 
 @commands.command()
+@file_argument
+@click.option(
+    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
+    help="For what is written; results/<name of FILE>_identified where left out.",
+)  # fmt: skip
+@json_option
+@folders_option
+def identify(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:
+    """Find the stiffness of a real cable from the measurements in FILE: points along a loop, sags, forces, snaps.
+
+    Prints what was found with its intervals of 95 %, how each measurement agrees, and what a further one would help
+    most with; writes a table for a library of cables, and the shapes as a drawing. Exit code 1: the measurements do
+    not say all that is sought.
+
+    \b
+    harness-opt identify my_loops.toml
+    harness-opt schema --measurements > measurements.schema.json
+    """
+    from harness_opt.cli.identify import run_identify
+
+    return run_identify(file, folder, as_json, VOICE, folders)
+
+
+@commands.command()
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 def show(folder: Path) -> int:
     """Show the result in DIR in a window, to turn about and to scrub along the motion.

@@ -70,8 +70,9 @@ def completion(shell: str) -> int:
 @click.command()
 @click.option("--results", "kind", flag_value="results", help="Of summary.json in a result folder.")
 @click.option("--study", "kind", flag_value="study", help="Of study files.")
+@click.option("--measurements", "kind", flag_value="measurements", help="Of files of measurements, for identify.")
 def schema(kind: str | None) -> int:
-    """Print the JSON Schema of problem files, for editors; of results and of study files, where asked.
+    """Print the JSON Schema of problem files, for editors; of results, studies and measurements, where asked.
 
     \b
     harness-opt schema > problem.schema.json
@@ -83,6 +84,8 @@ def schema(kind: str | None) -> int:
         from harness_opt.files.summary import results_schema as wanted
     elif kind == "study":
         from harness_opt.studies.study_file import schema as wanted
+    elif kind == "measurements":
+        from harness_opt.measured.measurements_file import schema as wanted
     else:
         from harness_opt.files.read import schema as wanted
     say(json.dumps(wanted(), indent=2))
