@@ -33,7 +33,7 @@ WRONG = [
     ('unit = "m"', "", "measurements.0.unit: found nothing, expected a unit, or a scale"),
     ('unit = "m"', 'unit = "m"\nscale = 2.0', "measurements.0.unit: found scale as well, expected a unit, or a scale"),
     ('kind = "loop"', 'kind = "sag"', "measurements.0.file: found an unknown key, expected one of"),
-    ('find = ["bending_stiffness"]', 'find = ["stiffness"]', 'find.0: found "stiffness", expected one of'),
+    ('find = ["bending_stiffness"]', 'find = ["stiffness"]', 'find: found "stiffness", expected one of'),
     ('find = ["bending_stiffness"]', 'find = ["bending_stiffness", "bending_stiffness"]', "expected each name once"),
     ("[end]\ntangent = [1, 0, 0]\n", "", "measurements.0.end: found nothing, here or for all, expected what holds"),
     ("diameter = 3e-3", "diameter = -3", "cable.diameter: found -3, expected a number above 0"),
@@ -58,11 +58,8 @@ def rewritten(file, change) -> None:
 
 
 TABLES = [
-    (lambda lines: [lines[0], *lines[1::2], *lines[2::2]], "expected the points in their order along the cable"),
-    (
-        lambda lines: [lines[0], *(line for pair in zip(lines[1:26], lines[26:], strict=False) for line in pair)],
-        "order",
-    ),
+    (lambda lines: [lines[0], *lines[1::2], *lines[2::2]], "the points in their order along it"),
+    (lambda lines: [lines[0], *(row for two in zip(lines[1:26], lines[26:51], strict=True) for row in two)], "order"),
     (lambda lines: ["a,b", *lines[1:]], 'found the header "a,b", expected x,z or x,y,z'),
     (lambda lines: [*lines[:3], "1,2,3", *lines[3:]], 'line 4: found "1,2,3", expected 2 numbers'),
     (lambda lines: [*lines[:3], "1,nan", *lines[3:]], "found what is not finite, expected numbers"),
@@ -76,12 +73,12 @@ def test_mistakes_in_tables(file, change, words):
     rewritten(file, change)
     with pytest.raises(ho.ProblemError) as caught:
         ho.read_measurements(file)
-    assert words in str(caught.value) or "longer" in str(caught.value), caught.value.mistakes
+    assert words in str(caught.value), caught.value.mistakes
 
 
 def test_arc_lengths_have_to_grow(file):
     rewritten(file, lambda lines: ["s,x,z", *(f"{1.4 - 0.01 * k},{line}" for k, line in enumerate(lines[1:]))])
-    with pytest.raises(ho.ProblemError, match="found arc lengths that do not grow from 0 to 1.5 m"):
+    with pytest.raises(ho.ProblemError, match=r"found arc lengths that do not grow from 0 to 1\.5 m"):
         ho.read_measurements(file)
 
 
