@@ -85,7 +85,8 @@ def measure(
     given = Motion(problem, motion, cables)
     if has_clips(problem):
         apart = split(given)
-        return of_whole_cables(problem, measure(apart.problem, scene, motion, apart.cables, options, between))
+        found = of_whole_cables(problem, measure(apart.problem, scene, motion, apart.cables, options, between))
+        return found if found.whole else replace(found, left_out=_unmeasured(given, scene, len(found.pairs)))
     tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
     views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
     give_up = (options or Options()).give_up or never
@@ -99,7 +100,7 @@ def measure(
         if problem.limits.clearance is not None:
             others = itertools.takewhile(lambda _: not give_up(), tasks[number:])
             pairs += [_against_cable(given, own, other, views) for other in others]
-    missing = _unmeasured(problem, scene, len(pairs))
+    missing = _unmeasured(given, scene, len(pairs))
     if missing or (views is None and problem.moves):
         return ClearanceResult(motion, tuple(pairs), missing, whole=not missing)
     frames = at_rest(given) if views is None else views.frames
@@ -108,10 +109,11 @@ def measure(
     return ClearanceResult(motion, tuple(pairs), inserted=inserted, cable_limits=rows)
 
 
-def _unmeasured(problem: Problem, scene: Scene, done: int) -> tuple[str, ...]:
-    """Return a sentence where not all pairs were come to before the run was stopped."""
-    left = pairs_asked(problem, scene) - done
-    return (f"clearances of {left} pairs: the run was stopped before they were measured",) if left else ()
+def _unmeasured(motion: Motion, scene: Scene, done: int) -> tuple[str, ...]:
+    """Return a sentence where not all pairs were come to before the run was stopped, or a cable was not solved."""
+    left, solved = pairs_asked(motion.problem, scene) - done, len(motion.cables) == len(motion.problem.cables)
+    why = "the run was stopped before they were measured" if solved else "not every cable was solved"
+    return (f"clearances of {left} pairs: {why}",) if left else ()
 
 
 def _against_parts(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -207,7 +208,8 @@ def met_itself(pair: PairClearance, radius: float, motion: Array) -> PairClearan
 def of_whole_cables(problem: Problem, found: ClearanceResult) -> ClearanceResult:
     """Return the clearances of the spans of ``problem`` as those of its whole cables.
 
-    A cable is as near as the nearest of its spans; two spans of one cable count as the cable with itself.
+    A cable is as near as the nearest of its spans; two spans of one cable count as the cable with itself. What was
+    measured of some spans only says nothing of the cable, and is left out.
     """
     if not has_clips(problem):
         return found
@@ -219,12 +221,21 @@ def of_whole_cables(problem: Problem, found: ClearanceResult) -> ClearanceResult
     for name, count in found.inserted.items():
         inserted[spans[name].cable] = inserted.get(spans[name].cable, 0) + count
     rows = None if found.cable_limits is None else rows_of_whole_cables(spans, found.cable_limits)
-    pairs = [_nearest_of(which, pairs) for which, pairs in groups.items()]
+    numbers = Counter(span.cable for span in spans.values())
+    pairs = [_nearest_of(which, pairs) for which, pairs in groups.items() if len(pairs) == _pieces(which, numbers)]
     pairs = [
         met_itself(pair, problem.cables[pair.cable].cable.radius, found.motion) if pair.is_to_itself else pair
         for pair in pairs
     ]
     return replace(found, pairs=tuple(pairs), inserted=inserted, cable_limits=rows)
+
+
+def _pieces(which: LimitId, spans: Mapping[str, int]) -> int:
+    """Return how many pairs of spans are one pair of a whole cable; ``spans`` a cable."""
+    own, obstacle = spans[which.cable], which.obstacle
+    if obstacle is None or not obstacle.is_cable:
+        return own
+    return own * (own + 1) // 2 if obstacle.name == which.cable else own * spans[obstacle.name]
 
 
 def _along_whole(pair: PairClearance, spans: Mapping[str, Span]) -> PairClearance:

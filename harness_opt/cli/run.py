@@ -285,12 +285,13 @@ def _measured(
     from harness_opt.clearance.measure import clearances
     from harness_opt.clearance.pairs import pairs_asked
     from harness_opt.model.results import Motion
+    from harness_opt.model.spans import in_spans
     from harness_opt.report.summary import timed
 
     if not isinstance(result, Motion):
         return result, None
     begin = time.perf_counter()
-    pairs, asked = itertools.count(), pairs_asked(result.problem, scene)
+    pairs, asked = itertools.count(), pairs_asked(in_spans(result.problem), scene)
 
     def give_up() -> bool:  # asked before each pair
         progress.tell("certifying clearances", min(next(pairs), asked), asked)

@@ -295,7 +295,8 @@ def split(motion: Motion) -> Motion:
 def joined(problem: Problem, motion: Motion) -> Motion:
     """Return the motion of the spans of ``problem`` as that of its whole cables; itself where no cable has clips.
 
-    A cable of which a span was not solved at all is left out, as one that was not solved is.
+    A cable of which a span was not solved at all is left out, as one that was not solved is; where none is left, no
+    frame is.
     """
     if not has_clips(problem):
         return motion
@@ -309,8 +310,9 @@ def joined(problem: Problem, motion: Motion) -> Motion:
     return dataclasses.replace(
         motion,
         problem=problem,
+        motion=motion.motion if cables else motion.motion[:0],
         cables=cables,
-        snaps=tuple(snaps),
+        snaps=tuple(snap for snap in snaps if snap.cable in cables),
         begun_through_themselves=tuple(through),
         left_out=left_out(problem),
     )

@@ -10,7 +10,10 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.measure import measure
+from harness_opt.clearance.pairs import Options
 from harness_opt.model.results import CableMotion, Snap, joined, split
+from harness_opt.parts.scene import load_scene
 from oracles.clipped import arm
 
 
@@ -129,6 +132,23 @@ def test_a_holder_is_let_off_at_its_clip_and_nowhere_else():
     world = dataclasses.replace(gland, body="world")
     (row,) = [row for row in ho.clearances(ho.simulate(arm(parts={"gland": world}))).limits if row.part == "gland"]
     assert row.holds == "no" and row.worst < -0.003
+
+
+@pytest.mark.parametrize("done", range(11))
+def test_a_run_that_is_stopped_says_nothing_of_cables_that_it_measured_in_part(done):
+    """One part and the cable itself, of three spans: 3 + 6 pairs of spans are 2 of the cable."""
+    problem = arm()
+    motion = ho.simulate(problem, frames=[0.0, 1.0])
+    asked = itertools.count()
+    options = Options(give_up=lambda: next(asked) >= done)
+    found = measure(problem, load_scene(problem), motion.motion, motion.cables, options)
+    whole = ho.clearances(motion)
+    exact = {str(row.id): row.worst for row in whole.limits}
+    assert all(row.worst == pytest.approx(exact[str(row.id)], abs=1e-6) for row in found.limits)
+    left = 2 - len(found.pairs)
+    assert found.whole == (left == 0)
+    if left:
+        assert found.left_out == (f"clearances of {left} pairs: the run was stopped before they were measured",)
 
 
 def test_a_snap_of_a_span_is_one_of_the_cable():

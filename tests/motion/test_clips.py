@@ -140,6 +140,18 @@ def test_the_playback_keeps_every_clip_between_the_frames():
         assert np.max(np.abs(shown - placed[:, None])) < 1e-9
 
 
+def test_a_span_that_has_no_shape_leaves_no_frames_of_its_cable():
+    """Its clamps stand its length apart and do not point along it; the spans before it are solved."""
+    elbow, wrist = arm().cables["lead"].clips
+    end = ho.End((0.34, 0.04, 0.4), tangent=(1, 0, 0.4), body="arm")
+    run = dataclasses.replace(
+        arm().cables["lead"], clips=(elbow, dataclasses.replace(wrist, tangent=(1, 0, 0))), end=end
+    )
+    motion = ho.simulate(arm(cables={"lead": run}), frames=[0.0, 1.0], throw=False)
+    assert not motion.ok and "wrist to end" in motion.message
+    assert len(motion.motion) == 0 and not motion.cables and not motion.snaps
+
+
 def test_results_have_a_cut_list_and_can_be_gone_on_from(tmp_path):
     motion = ho.simulate(arm())
     ho.write_results(motion, tmp_path / "found")

@@ -15,7 +15,7 @@ from harness_opt.model.design_variables import apply
 from oracles.problems import shipped
 
 ELEMENTS = 24  # three times those that the search uses, and half as many again as its own verification
-NAMES = ["lift_arm", "door", "drawer", "camera_pan"]
+NAMES = ["lift_arm", "door", "drawer", "camera_pan", "dress_pack"]
 
 
 @functools.cache
@@ -34,6 +34,7 @@ def rows(motion: ho.Motion):
         ("door", {("clearance", "striker")}),
         ("drawer", {("bend_radius", None), ("clearance", "tray")}),  # the tray by 5 um
         ("camera_pan", {("twist", None)}),
+        ("dress_pack", {("clearance", "elbow"), ("bend_radius", None), ("clip_force", None)}),
     ],
 )
 def test_as_drawn(name, violated):
@@ -70,3 +71,15 @@ def test_door_is_not_helped_by_length():
     design = ho.redesign(dataclasses.replace(problem, design=dataclasses.replace(problem.design, variables=only)))
     assert not design.ok and design.status.ok
     assert {row.part for row in design.limits if row.margin < 0} == {"striker"}
+
+
+def test_the_dress_pack_lets_cable_over_the_elbow_through_its_clip():
+    """No length is bought: what lay in a bow on the forearm goes to the span over the elbow, and one clip is moved."""
+    design = redesigned("dress_pack")
+    before, after = (problem.cables["pack"] for problem in (design.original, design.problem))
+    assert after.cable.length == before.cable.length
+    shifted = {clip.name: clip.at - drawn.at for clip, drawn in zip(after.clips, before.clips, strict=True)}
+    assert shifted["upper"] == 0.0 and 0.02 < shifted["fore"] < 0.04
+    lowered = before.clips[0].position[2] - after.clips[0].position[2]
+    assert 0.004 < lowered < 0.015
+    assert {row.id.clip for row in design.limits_before if row.name == "clip_force" and row.margin < 0} == {"upper"}
