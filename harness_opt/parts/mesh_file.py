@@ -1,6 +1,6 @@
-"""Triangle meshes from files: read by trimesh, merged, and turned so that they close, outward, where they can.
+"""Triangle meshes from files: read, merged, and turned so that they close, outward, where they can.
 
-trimesh is imported when the first mesh is read.
+Binary STL and glTF are read here; text STL, OBJ and PLY by trimesh, which is imported when the first of them is.
 """
 
 from __future__ import annotations
@@ -87,14 +87,14 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
 
 def _corners_and_faces(file: Path, files: Mapping[str, bytes]) -> tuple[Array, Indices]:
     """Return the corners (k, 3), as the file has them, and the faces (m, 3); ``files`` are those that it names."""
-    import trimesh
-
-    logging.getLogger("trimesh").addHandler(_UNHEARD)  # what it meets on the way; what stops it comes as an exception
     suffix = file.suffix.lower()
     if suffix in (".gltf", ".glb"):
         return read_gltf(file, files)
     if suffix == ".stl" and not is_text(file):
         return _binary_stl(file)
+    import trimesh  # half a second that the formats above do without
+
+    logging.getLogger("trimesh").addHandler(_UNHEARD)  # what it meets on the way; what stops it comes as an exception
     options: dict[str, Any] = {"process": False, "skip_materials": True, "resolver": files}
     loaded: Any
     if suffix == ".obj":

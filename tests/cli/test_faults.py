@@ -127,8 +127,8 @@ def test_ctrl_c_is_heard_while_libraries_are_imported(here, module):
     )
     import trimesh
 
-    trimesh.creation.box((20, 20, 20)).export("ball.stl")
-    put(FLAP.replace("sphere = { radius = 0.02 }", 'mesh = "ball.stl"\nmesh_unit = "mm"'))
+    trimesh.creation.box((20, 20, 20)).export("ball.obj")
+    put(FLAP.replace("sphere = { radius = 0.02 }", 'mesh = "ball.obj"\nmesh_unit = "mm"'))
     environ = environment()
     environ["PYTHONPATH"] = os.pathsep.join([str(hook.resolve()), environ["PYTHONPATH"]])
     done = subprocess.run(
