@@ -38,7 +38,7 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
     rows = []
     for name, shapes in motion.cables.items():
         for kind in CABLE_KINDS:
-            limit = getattr(problem.limits, kind.value)
+            limit = problem.cable_limit(kind, name)
             if limit is not None:
                 rows.append(limit_row(LimitId(kind, name), limit, shapes, motion.motion))
     return tuple(rows)

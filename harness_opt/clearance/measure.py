@@ -203,7 +203,7 @@ def _met(pair: PairClearance, task: Task, motion: Array) -> PairClearance:
 def _cable_limits(given: Motion, frames: SolvedFrames, task: Task) -> Iterator[LimitResult]:
     """Give the rows of bend radius, twist and clamp loads of the cable of ``task``, through the whole motion."""
     for kind in CABLE_KINDS:
-        limit = getattr(given.problem.limits, kind.value)
+        limit = given.problem.cable_limit(kind, task.cable)
         if limit is not None:
             which = LimitId(kind, task.cable)
             yield certified_limit(which, limit, given.cables[task.cable], frames, task)

@@ -144,6 +144,11 @@ def _table_of(reference: str, places: Places, own: Path) -> Mapping[str, Any]:
     return found
 
 
+def library_of(reference: str, places: Places) -> Path:
+    """Return the file of a reference such as ``my_cables.toml#power``."""
+    return places.located(reference.partition("#")[0])
+
+
 def mistakes_of_limits(tree: Tree) -> Iterator[Mistake]:
     """Yield what is wrong about a bend limit in diameters."""
     limits, path = table(tree, "limits"), ("limits", "bend_radius_factor")
@@ -152,24 +157,27 @@ def mistakes_of_limits(tree: Tree) -> Iterator[Mistake]:
         return
     if "bend_radius" in limits:
         yield path, "found bend_radius as well, expected one of the two"
-    radii = {}
     for name in table(tree, "cables"):
         cable = table(tree, "cables", name)
         told = table(cable, "bend_radius_factors").get(factor) if isinstance(factor, str) else factor
-        diameter = value(cable, "diameter")
+        if "bend_radius" in cable:
+            yield path, f"found cables.{name}.bend_radius as well, expected one of the two"
         if told is None:
             words = f"expected it in cables.{name}.bend_radius_factors, or in the library that the cable is from"
             yield path, f"found {shown(factor)}, {words}"
-        elif isinstance(diameter, (int, float)) and isinstance(told, (int, float)):
-            radii[name] = told * diameter
-    if len({round(radius, 12) for radius in radii.values()}) > 1:
-        told = ", ".join(f"{name} {1e3 * radius:.4g} mm" for name, radius in radii.items())
-        yield path, f"found several radii ({told}), expected one for all cables: give bend_radius, which all must hold"
 
 
-def bend_radius(limits: Any, cables: Mapping[str, Any]) -> float | None:
-    """Return the bend limit of a file, m: as given, or in diameters of its cables, which are alike then."""
-    if limits.bend_radius_factor is None:
-        return limits.bend_radius  # type: ignore[no-any-return]
-    cable, factor = next(iter(cables.values())), limits.bend_radius_factor
-    return float((cable.bend_radius_factors[factor] if isinstance(factor, str) else factor) * cable.diameter)
+def bend_radii(limits: Any, cables: Mapping[str, Any]) -> tuple[float | None, dict[str, float | None]]:
+    """Return the bend limit of a file for all cables, m, and those of their own by name.
+
+    A limit in diameters that is the same for all is one for all.
+    """
+    own = {name: cable.bend_radius for name, cable in cables.items()}
+    factor = limits.bend_radius_factor
+    if factor is None:
+        return limits.bend_radius, own
+    radii = {
+        name: float((cable.bend_radius_factors[factor] if isinstance(factor, str) else factor) * cable.diameter)
+        for name, cable in cables.items()
+    }
+    return (next(iter(radii.values())), own) if len(set(radii.values())) == 1 else (None, {**radii})

@@ -21,7 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
-from harness_opt.files.beside import bend_radius, mistakes_of_limits, mistakes_of_parts, with_cables
+from harness_opt.files.beside import bend_radii, library_of, mistakes_of_limits, mistakes_of_parts, with_cables
 from harness_opt.files.places import MEGABYTE, Places, unreadable
 from harness_opt.files.poses_table import parse_poses
 from harness_opt.files.quantity_keys import robust_mistakes
@@ -179,12 +179,13 @@ def naming(file: Path) -> Iterator[None]:
 def _problem(
     tables: file_schema.ProblemTable, motions: Mapping[str, BodyMotion | None], places: Places, file: Path
 ) -> Problem:
+    bend_radius, own_radii = bend_radii(tables.limits, tables.cables)
     return Problem(
-        cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
+        cables={name: _cable_run(cable, own_radii[name]) for name, cable in tables.cables.items()},
         bodies={name: Body(motions[name]) for name in tables.bodies},
         parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
-        limits=_limits(tables),
+        limits=_limits(tables.limits, bend_radius),
         design=_design(tables.design),
         robust=_robust(tables.robust),
         duration=tables.motion.duration,
@@ -192,6 +193,7 @@ def _problem(
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
         file=places.folder / file.name,
+        libraries=tuple(library_of(cable.from_, places) for cable in tables.cables.values() if cable.from_),
     )
 
 
@@ -295,9 +297,9 @@ def _motion(motion: Any, places: Places, pending: Mapping[Path, bytes]) -> BodyM
     return parse_poses(file.read_bytes(), file)
 
 
-def _cable_run(cable: file_schema.CableTable) -> CableRun:
+def _cable_run(cable: file_schema.CableTable, bend_radius: float | None) -> CableRun:
     ends = _end(cable.start), _end(cable.end)
-    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at)
+    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at, bend_radius=bend_radius)
 
 
 def _cable(cable: file_schema.CableTable) -> Cable:
@@ -334,12 +336,11 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
     return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up)
 
 
-def _limits(tables: file_schema.ProblemTable) -> Limits:
-    limits = tables.limits
+def _limits(limits: file_schema.LimitsTable, bend_radius: float | None) -> Limits:
     twist = limits.twist_deg_per_m
     return Limits(
         clearance=limits.clearance,
-        bend_radius=bend_radius(limits, tables.cables),
+        bend_radius=bend_radius,
         twist=None if twist is None else math.radians(twist),
         clamp_force=limits.clamp_force,
         clamp_moment=limits.clamp_moment,

@@ -129,6 +129,7 @@ class RelaxationEntry(TypedDict):
     key: str
     kind: Annotated[str, _said("Of the limit, as ``name``; ``lower`` or ``upper`` of a bound")]
     part: Annotated[str | None, _said("Whose own clearance limit it is")]
+    cable: Annotated[str | None, _said("Whose own bend radius it is")]
     value: float
     share: float
     estimate: Number
@@ -142,6 +143,7 @@ class PriceEntry(TypedDict):
     key: str
     kind: str
     part: str | None
+    cable: str | None
     value: float
     saves: float
     of: Annotated[str, _said("``change``, ``length`` or ``margin``")]

@@ -14,6 +14,7 @@ from pydantic import (
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
+    JsonValue,
     ModelWrapValidatorHandler,
     ValidationError,
     model_validator,
@@ -162,6 +163,22 @@ class Table(BaseModel):
         if kind in ("model_type", "model_attributes_type", "dict_type"):
             return PydanticCustomError("expected", "a table")
         return PydanticCustomError(kind, "{words}", {"words": error["msg"]})
+
+
+def not_both(*keys: str) -> list[JsonValue]:
+    """Return the JSON Schema of "at most one of ``keys``"."""
+    pairs: list[JsonValue] = [[a, b] for i, a in enumerate(keys) for b in keys[i + 1 :]]
+    return [{"not": {"required": pair}} for pair in pairs]
+
+
+def required_unless(key: str, *others: str, **more: Any) -> Callable[[dict[str, Any]], None]:
+    """Return what has the JSON Schema of a table ask for ``others`` only where ``key`` is missing, and add ``more``."""
+
+    def change(schema: dict[str, Any]) -> None:
+        required = [name for name in schema["required"] if name not in others]
+        schema |= {"required": required, "anyOf": [{"required": [key]}, {"required": list(others)}], **more}
+
+    return change
 
 
 TableKind = TypeVar("TableKind", bound=Table)

@@ -158,8 +158,13 @@ def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
 
 
 def _bend_radius(tree: Tree) -> Iterator[Mistake]:
-    limit = value(table(tree, "limits"), "bend_radius")
-    diameters = {name: value(table(tree, "cables", name), "diameter") for name in table(tree, "cables")}
+    limit, cables = value(table(tree, "limits"), "bend_radius"), table(tree, "cables")
+    diameters = {name: value(table(cables, name), "diameter") for name in cables}
+    own = {name: value(table(cables, name), "bend_radius") for name in cables}
+    for name, radius in own.items():
+        if radius is not None and diameters.pop(name) is not None and radius < 0.5 * cables[name]["diameter"]:
+            words = f"expected at least {0.5 * cables[name]['diameter']:.6g}, half the diameter"
+            yield ("cables", name, "bend_radius"), f"found {shown(radius)}, {words}"
     thick = max((name for name, d in diameters.items() if d is not None), key=lambda n: diameters[n], default=None)
     if limit is not None and thick is not None and limit < 0.5 * diameters[thick]:
         words = f"expected at least {0.5 * diameters[thick]:.6g}, half the diameter of cable {thick!r}"
@@ -347,7 +352,8 @@ def _tree(problem: Any) -> dict[str, Any]:
 
 
 def _run_table(run: CableRun) -> dict[str, Any]:
-    return {"diameter": run.cable.diameter, "start": _end_table(run.start), "end": _end_table(run.end)}
+    own = {"diameter": run.cable.diameter, "bend_radius": run.bend_radius}
+    return {**own, "start": _end_table(run.start), "end": _end_table(run.end)}
 
 
 def _end_table(end: End) -> dict[str, Any]:

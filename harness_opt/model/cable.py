@@ -248,6 +248,7 @@ class CableRun:
         bow: world direction to which the cable bows between its ends in the starting shape; None leaves it to
             gravity, or to the clamps.
         fitted_at: motion value, 0 to 1, at which an untwisted end is clamped.
+        bend_radius: the cable's own limit of the bend radius, m; None takes that of the problem.
     """
 
     cable: Cable
@@ -255,9 +256,12 @@ class CableRun:
     end: End
     bow: Vector | None = None
     fitted_at: float = 0.0
+    bend_radius: float | None = None
 
     def __post_init__(self) -> None:
         at = self.fitted_at
+        if self.bend_radius is not None:
+            checks.positive("bend_radius", self.bend_radius)
         if not isinstance(at, (int, float)) or isinstance(at, bool) or not 0.0 <= at <= 1.0:
             raise ProblemError(f"fitted_at: found {at!r}, expected a number from 0 to 1")
         if self.bow is not None:

@@ -23,6 +23,7 @@ from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.design import Design, Limits, Robust
+from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -49,6 +50,7 @@ class Problem:
         title: one line for people.
         file: where the problem was read from, or None.
         sha256: of that file's bytes, or None.
+        libraries: files that cables of it were taken from.
     """
 
     cables: Mapping[str, CableRun]
@@ -64,6 +66,7 @@ class Problem:
     title: str = ""
     file: Path | None = None
     sha256: str | None = None
+    libraries: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         mistakes = mistakes_of(self)
@@ -119,6 +122,12 @@ class Problem:
         """Whether any body has a motion."""
         return any(body.motion is not None for body in self.bodies.values())
 
+    def cable_limit(self, kind: LimitKind, cable: str) -> float | None:
+        """Return the limit of a ``kind`` but clearance that holds for ``cable``, SI: its own, or the general one."""
+        own = self.cables[cable].bend_radius if kind is LimitKind.BEND_RADIUS else None
+        general: float | None = getattr(self.limits, kind.value)
+        return general if own is None else own
+
     def clearance_limit(self, part: str) -> float | None:
         """Return the limit that holds for ``part``, m: its own, or the general one."""
         own = self.parts[part].clearance
@@ -164,7 +173,7 @@ def input_files(problem: Problem) -> list[Path]:
     files += [
         body.motion.file for body in problem.bodies.values() if isinstance(body.motion, Poses) and body.motion.file
     ]
-    return [*files, problem.file] if problem.file else files
+    return [*files, *problem.libraries, *([problem.file] if problem.file else [])]
 
 
 def left_out(problem: Problem) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from harness_opt.model.bodies import WORLD, Body, Hinge, Slide
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
-from harness_opt.model.limits import LimitKind
+from harness_opt.model.limits import CABLE_KINDS, LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Moments, Problem, left_out
@@ -83,6 +83,7 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
         "start": _end(run.start),
         "end": _end(run.end),
         "turns": run.turned_in,
+        "bend_radius": run.bend_radius,
         "clamp_twist": clamp_twist(problem, name),
         "fitted_at": None if run.untwisted is None else run.fitted_at,
         "fitted_where": None if run.untwisted is None else Moments.of(problem).words(run.fitted_at),
@@ -172,7 +173,7 @@ def _reasons(problem: Problem) -> list[Json]:
     if unlimited:
         what = f"a limit for {', '.join(unlimited)}"
         reasons.append({"what": what, "why": "neither has its own clearance nor is there a general one"})
-    missing = [name for name, limit in vars(problem.limits).items() if limit is None and name != "clearance"]
+    missing = [kind.value for kind in CABLE_KINDS if not any(problem.cable_limit(kind, one) for one in problem.cables)]
     if missing:
         names = ", ".join(name.replace("_", " ") for name in missing)
         reasons.append({"what": f"limits on {names}", "why": "they are not given"})
@@ -318,6 +319,8 @@ def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:
 def _limit_lines(content: Mapping[str, Any]) -> Iterator[str]:
     kinds = [(LimitKind(name), limit) for name, limit in content["limits"].items()]
     limits = [f"{kind.words} {limit * kind.from_si * kind.unit.factor:.6g} {kind.unit.name}" for kind, limit in kinds]
+    own = {name: cable["bend_radius"] for name, cable in content["cables"].items() if cable["bend_radius"] is not None}
+    limits += [f"bend radius of {name} {_mm(radius)} mm" for name, radius in own.items()]
     if limits:
         yield f"Limits: {', '.join(limits)}."
     if content["design"]:

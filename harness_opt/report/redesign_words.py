@@ -77,6 +77,8 @@ def _what(entry: RelaxationEntry | PriceEntry) -> str:
     if entry["kind"] not in KIND_OF_KEY:
         return entry["key"].removeprefix("design.variables.")
     words = KIND_OF_KEY[entry["kind"]].words
+    if entry["cable"] is not None:
+        return f"{words} of {spoken(entry['cable'])}"
     return words if entry["part"] is None else f"{words} to {entry['part']}"
 
 
