@@ -64,7 +64,7 @@ minimise = "change"                      # or "length"
 
 [design.variables]
 "lead.length" = [0.30, 0.50]             # m
-"lead.end.rotate_y_deg" = [-30, 30]      # a turn of the clamp about its own y axis
+"lead.end.rotate_y_deg" = [-30, 30]      # degrees, the clamp turned about its d2; check says where that points
 """
 
 

@@ -11,7 +11,7 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from harness_opt.model.limits import KIND_OF_KEY, LimitId, LimitKind, Obstacle
-from harness_opt.model.problem import Moments, Travel
+from harness_opt.model.problem import SHARES, Moments, Travel
 from harness_opt.model.results import Holds, LimitResult
 
 Json = dict[str, Any]
@@ -292,7 +292,7 @@ def moments_of(summary: Summary) -> Moments:
     """Return what tells the moments of a result's motion; per cent of one that an older version wrote."""
     path = summary.get("path")
     if path is None:
-        return Moments((), 0.0)
+        return SHARES
     return Moments([Travel(**way) for way in path["ways"]], path["duration"], path["out_and_back"])
 
 

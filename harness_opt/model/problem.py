@@ -118,6 +118,11 @@ class Problem:
         return [(run.start.placed(*a), run.end.placed(*b)) for a, b in zip(start_poses, end_poses, strict=True)]
 
     @property
+    def moments(self) -> Moments:
+        """What tells the moments of the motion."""
+        return Moments(travels(self), self.duration, self.out_and_back)
+
+    @property
     def moves(self) -> bool:
         """Whether any body has a motion."""
         return any(body.motion is not None for body in self.bodies.values())
@@ -276,11 +281,6 @@ class Moments:
     duration: float
     out_and_back: bool = False
 
-    @staticmethod
-    def of(problem: Problem) -> Moments:
-        """Return what tells the moments of a problem's motion."""
-        return Moments(travels(problem), problem.duration, problem.out_and_back)
-
     def short(self, motion: float) -> str:
         """Return a moment, 0 to 1, in one unit: ``55.0 deg``; nothing where nothing moves."""
         if not self.ways:
@@ -300,3 +300,6 @@ class Moments:
 
     def _share(self, motion: float) -> float:
         return 1.0 - abs(2.0 * motion - 1.0) if self.out_and_back else motion
+
+
+SHARES = Moments((), 0.0)  # tells shares of the motion alone

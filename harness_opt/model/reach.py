@@ -47,5 +47,5 @@ def too_short(problem: Problem, cables: Iterable[str]) -> dict[str, str]:
         (distance, at), length = shortest(problem, name), problem.cables[name].cable.length
         if not distance <= length * (1 + REACH_TOLERANCE):
             words = f"expected at least {distance:.6g}, the distance between its clamps"
-            found[name] = f"cables.{quoted(name)}.length: found {length:g}, {words} at motion {at:.3g} (of 0 to 1)"
+            found[name] = f"cables.{quoted(name)}.length: found {length:g}, {words} at {problem.moments.words(at)}"
     return found

@@ -185,8 +185,9 @@ def _exact(motion: Motion, cable: str, values: Array, here: _Place) -> tuple[Arr
     r, a, missing = _closed(curve, clamps, run.cable.stiffness)
     if not np.all(missing <= MOST_MISSED):
         k = int(np.argmin(missing <= MOST_MISSED))
+        where = motion.problem.moments.words(float(values[k]))
         raise SolveError(
-            f"cable {cable}, motion {values[k]:.4f}: no curve between frames {here.before[k]} and {here.after[k]} was "
+            f"cable {cable}, at {where}: no curve between frames {here.before[k]} and {here.after[k]} was "
             "found that meets the clamps; try a smaller motion.spatial_step, or the linear interpolation",
             Status.STALLED,
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from harness_opt.model.problem import Moments
 from harness_opt.model.results import Motion
 
 UNITS = {"m": (6, 1.0), "mm": (4, 1e3)}  # number of $INSUNITS, and how many make a metre
@@ -28,7 +27,7 @@ def centreline(motion: Motion, name: str, unit: str) -> str:
 
 def layer_names(motion: Motion) -> list[str]:
     """Return the name of each frame's layer: its number, and where the motion stands."""
-    moments = Moments.of(motion.problem)
+    moments = motion.problem.moments
     names = []
     for frame, at in enumerate(motion.motion):
         words = moments.short(float(at)).replace(".", "_").replace("-", "minus_").replace(" ", "_")

@@ -18,7 +18,7 @@ from harness_opt.model.design_variables import target, value
 from harness_opt.model.limits import CABLE_KINDS, LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Moments, Problem, left_out
+from harness_opt.model.problem import Problem, left_out
 from harness_opt.motion.path import clamp_twist, place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -27,6 +27,13 @@ from harness_opt.parts.scene import Geometry, Mesh, Scene
 Json = dict[str, Any]
 
 WIDTH = 80
+# w L^3/B, below which it means this: it is eight times a cantilever's sag in lengths; at 100 the stretch next to a
+# clamp over which stiffness is felt, L sqrt(B / (w L^3)), is a tenth of the length
+WEIGHTS = (
+    (1.0, "stiffness shapes it, weight hardly"),
+    (100.0, "weight and stiffness shape it"),
+    (math.inf, "weight shapes it, but near its ends"),
+)
 
 
 def facts(problem: Problem, scene: Scene) -> Json:
@@ -70,7 +77,7 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
     slack = None
     if ends[0] is not None and ends[1] is not None:
         slack = cable.length - np.linalg.norm(ends[1] - ends[0], axis=1)
-        tight = Moments.of(problem).words(float(motion[np.argmin(slack)]))
+        tight = problem.moments.words(float(motion[np.argmin(slack)]))
     return {
         "length": cable.length,
         "diameter": cable.diameter,
@@ -86,7 +93,7 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
         "bend_radius": run.bend_radius,
         "clamp_twist": clamp_twist(problem, name),
         "fitted_at": None if run.untwisted is None else run.fitted_at,
-        "fitted_where": None if run.untwisted is None else Moments.of(problem).words(run.fitted_at),
+        "fitted_where": None if run.untwisted is None else problem.moments.words(run.fitted_at),
     }
 
 
@@ -223,7 +230,7 @@ def _suspect(problem: Problem, clamp: tuple[str, str], end: End, part: Geometry)
     holds = end.body == part.body if end.holders is None else part.name in end.holders
     if not holds:
         k = int(np.argmax(depth))
-        at = Moments.of(problem).words(float(moments[k]))
+        at = problem.moments.words(float(moments[k]))
         words = f"{key}.position: found {1e3 * depth[k]:.3g} mm deep in {part.name}, which does not hold it, at {at}"
         return Suspect(words, part.name, clamp) if depth[k] > 0 else None
     if end.frame is None:
@@ -270,7 +277,9 @@ def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
         yield f"Cable {name}: {size}; {held}{turns}."
         flat = f", ky/kx = {cable['ky_over_kx']:.4g}" if cable["ky_over_kx"] != 1 else ""
         weight = f"weighs {1e3 * cable['mass']:.4g} g, w L^3/B = {cable['weight_number']:.4g}"
-        yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}"
+        number = cable["weight_number"]
+        what = next(words for below, words in WEIGHTS if number < below)
+        yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}: {what}"
         if cable["clamp_twist"] is not None:
             degrees = math.degrees(cable["clamp_twist"])
             where = "at the start" if cable["fitted_at"] is None else f"where fitted, at {cable['fitted_where']}"

@@ -24,7 +24,7 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import Summary
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
-from harness_opt.model.problem import Moments, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
@@ -137,7 +137,7 @@ def _stage(
         "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "path": dataclasses.asdict(Moments.of(motion.problem)),
+        "path": dataclasses.asdict(motion.problem.moments),
         "worst": worst[0],
         "begin": worst[0],
     }
@@ -376,7 +376,7 @@ def _picture(motion: Motion) -> str:
         for number, at in enumerate(flat)
         for k, frame in enumerate(frames)
     ]
-    told = escape(f"from {Moments.of(motion.problem).words(0.0)} to {Moments.of(motion.problem).words(1.0)}")
+    told = escape(f"from {motion.problem.moments.words(0.0)} to {motion.problem.moments.words(1.0)}")
     return f"<br><svg width='{SMALL[0]}' height='{SMALL[1]}' role='img'><title>{told}</title>{''.join(lines)}</svg>"
 
 

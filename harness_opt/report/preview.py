@@ -13,7 +13,7 @@ from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Hinge
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.plausibility import doubts, part_doubts
-from harness_opt.model.problem import Moments, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
@@ -107,7 +107,7 @@ def _data(problem: Problem, scene: Scene, odd_parts: set[str | None], odd_clamps
         "scales": {},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "path": dataclasses.asdict(Moments.of(problem)),
+        "path": dataclasses.asdict(problem.moments),
         "worst": 0.0,
         "begin": 0.0,
         "rows": [],

@@ -35,7 +35,7 @@ from harness_opt.files.summary import (
 )
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Moments, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion, Snap
 from harness_opt.numerics.rotations import Array
 from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
@@ -130,7 +130,7 @@ def summary(
 
 
 def _path(problem: Problem) -> PathEntry:
-    moments = Moments.of(problem)
+    moments = problem.moments
     ways = [TravelEntry(body=w.body, unit=w.unit, start=w.start, stop=w.stop) for w in moments.ways]
     return PathEntry(ways=ways, duration=moments.duration, out_and_back=moments.out_and_back)
 

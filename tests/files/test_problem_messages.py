@@ -234,7 +234,7 @@ def test_length_and_reach_name_the_worst_moment(folder: Path) -> None:
     text = changed(
         (HINGE, slide), (START, "{ position = [0, 0, 0.018] }"), ('"lead.start.position.z"', '"lead.start.position.x"')
     )
-    words = "found 0.42, expected at least 1, the distance between its clamps at motion 1 (of 0 to 1)"
+    words = "found 0.42, expected at least 1, the distance between its clamps at 970.0 mm, 100.0 %"
     fixed = re.sub(r"(?m)^\"lead\..*\n", "", text)
     assert mistakes(written(folder, fixed)) == [f"cables.lead.length: {words}"]
     # what a redesign may lengthen or move is for a simulation to refuse
