@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
-from harness_opt.files.schema import MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
-from harness_opt.files.values import MESH_UNITS
+from harness_opt.files.schema import PART_SHAPES
 from harness_opt.model.between import Tree, table, value
 from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
+from harness_opt.model.parts import mesh_mistakes
 
 MOST_LIBRARY_BYTES = MEGABYTE
 OF_A_LIBRARY = (
@@ -23,7 +23,6 @@ OF_A_LIBRARY = (
     "bend_radius_factors",
 )  # fmt: skip
 MASSES = ("density", "mass_per_length")
-NOT_READ = (".stp", ".step", ".igs", ".iges", ".x_t", ".sldprt", ".sldasm", ".ipt", ".catpart", ".prt", ".3mf", ".dae")
 
 
 def mistakes_of_parts(tree: Tree, places: Places) -> Iterator[Mistake]:
@@ -55,15 +54,8 @@ def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
 def _mesh(path: KeyPath, part: Tree, places: Places) -> Iterator[Mistake]:
     """Check the suffix, the unit, the place and the presence of a mesh file; what is in it is the scene's to read."""
     mesh = part["mesh"]
-    suffix = Path(mesh).suffix.lower()
-    known = (*UNITLESS_MESHES, *MESHES_IN_METRES)
-    if suffix in NOT_READ:
-        yield (*path, "mesh"), f"found {shown(mesh)}, a kind of CAD file that is not read: export STL or GLB"
-    elif suffix not in known:
-        yield (*path, "mesh"), f"found {shown(mesh)}, expected a file ending in {one_of(known, suffix)}"
-    elif suffix in UNITLESS_MESHES and "mesh_unit" not in part:
-        words = f"expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"
-        yield (*path, "mesh_unit"), f"found nothing, {words}"
+    for key, words in mesh_mistakes(mesh, "m" if "mesh_unit" in part else None):
+        yield (*path, key), words
     why = places.fault(mesh, "a mesh", value(part, "mesh_sha256"), MOST_MESH_BYTES)
     if why:
         yield (*path, "mesh"), why

@@ -44,9 +44,6 @@ from harness_opt.files.values import (
 from harness_opt.model.between import INVALID
 from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
 
-UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
-MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
-
 
 class EndTable(Table):
     """What holds one end of a cable: a position or a force, an orientation or a moment; neither is free."""

@@ -22,15 +22,12 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from harness_opt.model.checks import LARGEST, one_of
+from harness_opt.model.checks import LARGEST, SMALLEST, one_of, sized
+from harness_opt.model.parts import MESH_UNITS, UP_AXES
 from harness_opt.numerics import rotations
 
 QUATERNION_TOLERANCE = 1e-3  # largest | |q| - 1 | taken as rounding: three typed digits do; normalised then
-SMALLEST = 1e-100  # of a number that has to be above 0: nothing that is divided by it may overflow
 SHORTEST = 1e-100  # direction, in any unit: its square must not vanish
-
-MESH_UNITS = ("m", "cm", "mm", "in")
-UP_AXES = ("y", "z")
 
 
 @dataclass(frozen=True)
@@ -48,10 +45,7 @@ class Expected:
         try:
             return inner(value)
         except ValidationError:
-            size = abs(value) if isinstance(value, (int, float)) else 0
-            words = self.words + (f", at most {LARGEST:g} in size" if LARGEST < size < math.inf else "")
-            words += f", at least {SMALLEST:g}" if 0 < size < SMALLEST and value > 0 else ""
-            raise PydanticCustomError("expected", "{words}", {"words": words}) from None
+            raise PydanticCustomError("expected", "{words}", {"words": sized(self.words, value)}) from None
 
 
 def _unit(q: tuple[float, ...]) -> tuple[float, ...]:

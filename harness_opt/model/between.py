@@ -7,6 +7,7 @@ twice, and both in the same words.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
@@ -15,7 +16,7 @@ from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.checks import KeyPath, Mistake, coupling, dotted, one_of, shown
 from harness_opt.model.design import Minimise
-from harness_opt.model.parts import Box, MeshFile, Part
+from harness_opt.model.parts import UP_AXES, Box, MeshFile, Part, mesh_mistakes
 from harness_opt.model.reach import too_short
 
 Tree = Mapping[str, Any]
@@ -151,7 +152,7 @@ def _turns(path: KeyPath, ends: Mapping[str, Tree]) -> Iterator[Mistake]:
             if not any(name in other for name in ORIENTATIONS):
                 yield key, f"found {shown(turns)}, expected 0, as the {side} has neither quaternion nor tangent"
             elif value(other, "roll") == "free":
-                yield key, f"found {shown(turns)}, expected 0, as the {side} turns freely"
+                yield key, f"found {shown(turns)}, expected 0, as {'it' if side == own else f'the {side}'} turns freely"
 
 
 # --- limits ----------------------------------------------------------------------------------
@@ -279,6 +280,12 @@ def mistakes_of(problem: Any) -> list[str]:
     found.told += [f"{dotted(path)}: {words}" for path, words in mistakes_between(_tree(problem))]
     if not problem.cables:
         found.told.append("cables: found an empty table, expected at least one cable")
+    for one in problem.design.variables:
+        if not (_is_number(one.lower) and _is_number(one.upper)):
+            key = dotted(("design", "variables", one.name))
+            found.told.append(f"{key}: found {shown([one.lower, one.upper])}, expected [lower, upper], two numbers")
+    if not isinstance(problem.title, str):
+        found.told.append(f"title: found {shown(problem.title)}, expected text in quotes")
     with found:
         checks.numbers("gravity", problem.gravity, 3)
     with found:
@@ -315,6 +322,10 @@ def _kinds(problem: Any) -> Iterator[str]:
                 yield f"{dotted((section, str(name)))}: found {type(one).__name__}, expected {kind.__name__}{more}"
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
 def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> None:
     key, shape = dotted(path), part.shape
     if part.clearance is not None:
@@ -325,6 +336,9 @@ def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> N
     with found:
         checks.quaternion(f"{key}.quaternion", part.quaternion)
     if isinstance(shape, MeshFile):
+        found.told += [f"{key}.{name}: {words}" for name, words in mesh_mistakes(str(shape.path), shape.unit)]
+        if shape.up not in (None, *UP_AXES):
+            found.told.append(f"{key}.up: found {shown(shape.up)}, expected {one_of(UP_AXES)}")
         return
     kind = f"{key}.{type(shape).__name__.lower()}"
     if isinstance(shape, Box):
@@ -340,7 +354,10 @@ def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> N
 def _tree(problem: Any) -> dict[str, Any]:
     """Return the tables that a problem file would have, as far as their keys and references go."""
     design = problem.design
-    variables: dict[str, Any] = {one.name: [one.lower, one.upper] for one in design.variables}
+    variables: dict[str, Any] = {
+        one.name: [one.lower, one.upper] if _is_number(one.lower) and _is_number(one.upper) else INVALID
+        for one in design.variables
+    }
     variables |= {one.name: f"= {one.words}" for one in design.couplings}
     return {
         "cables": {name: _run_table(run) for name, run in problem.cables.items()},
