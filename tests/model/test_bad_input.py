@@ -27,13 +27,9 @@ def test_clamp_that_moves_further_than_the_length():
 
 @pytest.mark.parametrize("end", [ho.End(), ho.End(force=(0, 0, 1)), ho.End(quaternion=UP, force=(0, 0, 1))])
 def test_neither_end_has_a_position(end):
-    with pytest.raises(
-        ho.ProblemError, match="found no position at either end, expected one"
-    ):
+    with pytest.raises(ho.ProblemError, match="found no position at either end, expected one"):
         ho.equilibrium(CABLE, dataclasses.replace(START, position=None), end)
-    with pytest.raises(
-        ho.ProblemError, match="found no position at either end, expected one"
-    ):
+    with pytest.raises(ho.ProblemError, match="found no position at either end, expected one"):
         ho.CableRun(CABLE, dataclasses.replace(START, position=None), end)
 
 
