@@ -312,6 +312,8 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None, unit: str)
 
     read_results(folder)  # says what is wrong with the folder, if anything
     place = target or within(folder, folder / EXPORT_FOLDER)
+    if place.exists() and not place.is_dir():
+        raise ProblemError(f"{place}: found a file, expected a folder to write in")
     try:
         for kind in kinds:
             for line in export(folder, kind, place, unit):

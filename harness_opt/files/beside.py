@@ -13,7 +13,7 @@ from typing import Any
 
 from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
 from harness_opt.files.schema import PART_SHAPES
-from harness_opt.model.between import Tree, table, value
+from harness_opt.model.between import INVALID, Tree, table, value
 from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
 from harness_opt.model.parts import mesh_mistakes
 
@@ -22,6 +22,7 @@ OF_A_LIBRARY = (
     "diameter", "bending_stiffness", "torsional_stiffness", "density", "mass_per_length", "rest_curvature",
     "bend_radius_factors",
 )  # fmt: skip
+NEEDED = ("diameter", "bending_stiffness", "torsional_stiffness")
 MASSES = ("density", "mass_per_length")
 
 
@@ -82,13 +83,15 @@ def with_cables(raw: Mapping[str, Any], places: Places, own: Path) -> tuple[dict
         path = ("cables", str(name), "from")
         taken, wrong = _taken(cable["from"], places, own)
         mistakes += [(path, words) for words in wrong]
+        if wrong and not taken:  # what it would have said is not missing
+            taken = dict.fromkeys(NEEDED, INVALID)
         if any(mass in cable for mass in MASSES):
             taken = {key: value for key, value in taken.items() if key not in MASSES}
         filled[name] = {**taken, **cable}
         if taken and not wrong:
             mistakes += [
                 (("cables", str(name), key), f"found nothing, here or in {cable['from']}, expected a number above 0")
-                for key in ("diameter", "bending_stiffness", "torsional_stiffness")
+                for key in NEEDED
                 if key not in filled[name]
             ]
     return {**raw, "cables": filled}, mistakes

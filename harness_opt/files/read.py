@@ -248,7 +248,8 @@ def _syntax_words(message: str, text: str) -> str:
     ended = re.fullmatch(r"(.*) \(at end of document\)", message, re.DOTALL)
     if ended:
         return f"line {len(lines)}: found the end of the file, expected TOML: {_lowered(ended[1])}"
-    return f"found a value that can't be read, expected TOML: {_lowered(message)}"
+    words = _lowered(message.partition("; use sys.")[0])  # what is behind is advice to programmers
+    return f"found a value that can't be read, expected TOML: {words}"
 
 
 def _lowered(words: str) -> str:

@@ -338,7 +338,7 @@ def structured(
     """Validate a parsed file key by key.
 
     Args:
-        raw: the nested tables, as :mod:`tomllib` gives them.
+        raw: the nested tables, as :mod:`tomllib` gives them; INVALID in them is known to be wrong, and not told again.
         model: what the file holds.
 
     Returns:
@@ -349,7 +349,7 @@ def structured(
     try:
         return model.model_validate(raw), tree, []
     except ValidationError as error:
-        return None, tree, [_mistake(tree, e) for e in error.errors()]
+        return None, tree, [_mistake(tree, e) for e in error.errors() if e["input"] is not INVALID]
 
 
 def schema() -> dict[str, Any]:
