@@ -273,7 +273,8 @@ def _scene_notes(data: Json) -> list[str]:
             notes.append(f"{which}{len(entry['frames'])} of the {entry['solved']} solved frames are drawn here.")
     coarse = [part["name"] for part in data["parts"] if part["triangles"] < 0.9 * part["triangles_of"]]
     if coarse:
-        notes.append(f"Drawn with fewer triangles than were measured against: {', '.join(coarse)}.")
+        which = ", ".join(coarse) if len(coarse) <= NAMES_TOLD else f"{len(coarse)} of the parts"
+        notes.append(f"Drawn with fewer triangles than were measured against: {which}.")
     return notes
 
 
