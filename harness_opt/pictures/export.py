@@ -60,8 +60,8 @@ def export(folder: str | Path, kind: str, target: str | Path, unit: str = "m") -
         "csv": _csv,
         "gltf": _gltf,
         "stl": functools.partial(_stl, unit=unit),
-        "dxf": functools.partial(_centrelines, unit=unit, write=dxf.centreline, kind="dxf", each="a layer"),
-        "step": functools.partial(_centrelines, unit=unit, write=step.centreline, kind="step", each="a curve"),
+        "dxf": functools.partial(_centrelines, unit=unit, kind="dxf"),
+        "step": functools.partial(_centrelines, unit=unit, kind="step"),
     }
     if unit not in UNITS:
         raise HarnessError(f"found the unit {unit!r}, expected one of {', '.join(UNITS)}")
@@ -130,16 +130,8 @@ def _gltf(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
     yield f"{file}: animated, {motion.problem.duration:g} s"
 
 
-def _centrelines(
-    motion: Motion,
-    _scene: Scene,
-    target: Path,
-    *,
-    unit: str,
-    write: Callable[[Motion, str, str], str],
-    kind: str,
-    each: str,
-) -> Iterator[str]:
+def _centrelines(motion: Motion, _scene: Scene, target: Path, *, unit: str, kind: str) -> Iterator[str]:
+    write, each = {"dxf": (dxf.centreline, "a layer"), "step": (step.centreline, "a curve")}[kind]
     for name, plain in _file_names(motion.cables).items():
         file = target / f"{plain}_{unit}.{kind}"
         file.write_text(write(motion, name, unit), encoding="ascii")

@@ -1,7 +1,7 @@
 """Centrelines for CAD: a STEP file of cubic B-splines, a curve for each frame, as AP 214 has them.
 
-A centreline is the cubic Hermite through its stations: positions and tangents are those of the result, and the parameter
-is the arc length. As a B-spline (de Boor, A Practical Guide to Splines, chapter IX) it has knots at the stations, twice
+A centreline is the cubic Hermite through its stations: positions and tangents are those of the result, the parameter is
+the arc length. As a B-spline (de Boor, A Practical Guide to Splines, chapter IX) it has knots at the stations, twice
 each and four times at the ends, and two control points for each station, a third of the neighbouring intervals before
 and after it along its tangent; at the ends, the station and one.
 """
