@@ -28,7 +28,6 @@ from harness_opt.files.quantity_keys import robust_mistakes
 from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.whole_folder import write_whole
-from harness_opt.files.write import problem_text
 from harness_opt.model.between import Tree, mistakes_between, table
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
 from harness_opt.model.cable import Cable, CableRun, End
@@ -101,6 +100,8 @@ def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
     Raises:
         ProblemError: the file can't be written, or could not be read back: nothing is written then.
     """
+    from harness_opt.files.write import problem_text  # what writes TOML is not waited for by what reads it
+
     file = Path(path)
     file = file.parent.resolve() / file.name
     if file.is_dir():
