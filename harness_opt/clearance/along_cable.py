@@ -10,7 +10,7 @@ import numpy as np
 
 from harness_opt.clearance.pairs import PairClearance
 from harness_opt.clearance.what_counts import arc_apart
-from harness_opt.model.limits import Obstacle
+from harness_opt.model.limits import LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics import rotations
@@ -94,11 +94,12 @@ def states(
         points: of a cable.
         reach: as for :func:`clearance_along`, m; at least all limits.
     """
-    limits, shapes, name, s = motion.problem.limits, motion.cables[points.cable], points.cable, points.s
+    shapes, name, s = motion.cables[points.cable], points.cable, points.s
     darboux = shapes.curvature[points.frames]
     curvature = _interpolated(s, shapes.s, np.linalg.norm(darboux[..., :2], axis=-1))
     twist = _interpolated(s, shapes.s, np.abs(darboux[..., 2]))
-    short = (curvature * (limits.bend_radius or 0.0) > 1.0) | (twist > (limits.twist or math.inf))
+    radius, turn = (motion.problem.cable_limit(kind, name) for kind in (LimitKind.BEND_RADIUS, LimitKind.TWIST))
+    short = (curvature * (radius or 0.0) > 1.0) | (twist > (turn or math.inf))
     nearest = np.full(short.shape, np.inf)
     for pair in pairs:
         if name != pair.cable and pair.obstacle != Obstacle(name, is_cable=True):

@@ -158,7 +158,9 @@ def _at_clip(given: Motion, before: SolvedFrames, behind: SolvedFrames, solve: S
     shapes = [given.cables[one.cable].frames(slice(len(one.given))) for one in (before, behind)]
     there = replace(shapes[0], **vars(at_clip(*shapes)))
     jumps = np.concatenate([before.jumps, behind.jumps])
-    return SolvedFrames(before.cable, before.given, there, both, jumps=jumps, turns=before.turns)
+    return SolvedFrames(
+        before.cable, before.given, there, both, jumps=jumps, turns=before.turns, moments=before.moments
+    )
 
 
 def certified_limit(

@@ -50,7 +50,7 @@ def asked(motion: Motion) -> Iterator[tuple[LimitId, float, list[int]]]:
     for name in motion.cables:
         ends = own_ends(problem.cables[name])
         for kind in CABLE_KINDS:
-            limit = getattr(problem.limits, kind.value)
+            limit = problem.cable_limit(kind, name)
             if limit is not None and (ends or kind not in CLAMP_LOADS):
                 yield LimitId(kind, name), limit, ends
     for clip, before, behind in joints(problem):

@@ -198,7 +198,7 @@ class _Views:
     """The moving centrelines of all cables, each seen from the bodies that matter; made when first asked for."""
 
     def __init__(self, given: Motion, between: Between):
-        self._problem, motion = given.problem, given.motion
+        self._problem, motion, moments = given.problem, given.motion, given.problem.moments
         turns = np.array([0.5]) if given.problem.out_and_back else np.zeros(0)
         self.frames: dict[str, SolvedFrames] = {}
         self._curves: dict[tuple[str, str], MovingCurve] = {}
@@ -206,7 +206,7 @@ class _Views:
         for name, shapes in given.cables.items():
             frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
             jumps = 0.5 * (motion[frames - 1] + motion[frames])
-            solved = SolvedFrames(name, motion, shapes, between.solve, jumps=jumps, turns=turns)
+            solved = SolvedFrames(name, motion, shapes, between.solve, jumps=jumps, turns=turns, moments=moments)
             solved.insert(turns[(turns > motion[0]) & (turns < motion[-1])])
             self.frames[name] = solved
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from harness_opt.model.problem import SHARES, Moments
 from harness_opt.model.results import CableMotion, Motion, Quantities, cubic_errors
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -31,10 +32,21 @@ class SolvedFrames:
         solve: finds shapes between them.
         jumps: motion values inside the intervals in which the cable snaps.
         turns: motion values at which bodies turn round, so that nothing is smooth across them.
+        moments: what motion values are told in.
     """
 
-    def __init__(self, cable: str, motion: Array, shapes: CableMotion, solve: Solve, *, jumps: Array, turns: Array):
-        self.cable, self._solve, self.jumps, self.turns = cable, solve, jumps, turns
+    def __init__(
+        self,
+        cable: str,
+        motion: Array,
+        shapes: CableMotion,
+        solve: Solve,
+        *,
+        jumps: Array,
+        turns: Array,
+        moments: Moments = SHARES,
+    ):
+        self.cable, self._solve, self.jumps, self.turns, self.moments = cable, solve, jumps, turns, moments
         self.s, self.times = shapes.s, motion
         self.position, self.tangent = shapes.position, rotations.tangent(shapes.quaternion)
         self.curvature = shapes.curvature
@@ -98,7 +110,8 @@ class SolvedFrames:
         """Return why nothing is known within an interval: a sentence for the user."""
         low, high = self.times[interval], self.times[interval + 1]
         frame = int(np.clip(np.searchsorted(self.given, 0.5 * (low + high)) - 1, 0, len(self.given) - 2))
-        where = f"between frames {frame} and {frame + 1} (motion {low:.6f} to {high:.6f})"
+        told = " to ".join(dict.fromkeys(self.moments.words(float(at)) for at in (low, high)))
+        where = f"between frames {frame} and {frame + 1} ({told})"
         if np.any((self.jumps > low) & (self.jumps < high)):
             return f"{self.cable} snaps {where}, and what it meets on the way is not known"
         if high - low < SHORTEST:

@@ -28,7 +28,7 @@ from harness_opt.cli.options import (
 from harness_opt.cli.run import BEGIN, Voice, Wanted, naming, remedied, run
 from harness_opt.cli.streams import lasting, say, tell, warn
 from harness_opt.errors import HarnessError, ProblemError
-from harness_opt.model.checks import SOLVERS, TRANSCRIPTIONS
+from harness_opt.rod.methods import SOLVERS, TRANSCRIPTIONS
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from harness_opt.model.problem import Problem
     from harness_opt.model.results import Motion
 
-EXPORTS = ("paraview", "csv", "gltf", "stl", "dxf")
+EXPORTS = ("paraview", "csv", "gltf", "stl", "dxf", "step")
 MOST_ELEMENTS = 1000  # of a cable: more than any mesh has here, and all that memory is sure to hold
 EXPORT_FOLDER = "export"  # in a result folder
 
@@ -320,17 +320,17 @@ def show(folder: Path) -> int:
 @click.option(
     "-o", "--output", "target", metavar="PATH", type=click.Path(path_type=Path), help="DIR/export if left out."
 )
-@click.option("--unit", type=click.Choice(["m", "mm"]), default="m", help="Of STL and DXF files; m if left out.")
+@click.option("--unit", type=click.Choice(["m", "mm"]), default="m", help="Of STL, DXF and STEP files; m if left out.")
 def export(folder: Path, kinds: tuple[str, ...], target: Path | None, unit: str) -> int:
     """Write the result in DIR for other programs.
 
     paraview: motion.pvd, with curvature, clearance and loads as arrays; csv: a table of each cable's centreline in
-    every frame; gltf: motion.glb, animated; stl: the volume that each cable sweeps, for CAD; dxf: each centreline, for
-    CAD.
+    every frame; gltf: motion.glb, animated; stl: the volume that each cable sweeps, for CAD; dxf and
+    step: each centreline, for CAD.
 
     \b
     harness-opt export results/lift_arm --to paraview --to csv
-    harness-opt export results/lift_arm --to stl --to dxf --unit mm -o for_cad
+    harness-opt export results/lift_arm --to stl --to step --unit mm -o for_cad
     """
     from harness_opt.files.result_folder import add_file
     from harness_opt.files.stored_results import read_results, within
@@ -338,6 +338,8 @@ def export(folder: Path, kinds: tuple[str, ...], target: Path | None, unit: str)
 
     read_results(folder)  # says what is wrong with the folder, if anything
     place = target or within(folder, folder / EXPORT_FOLDER)
+    if place.exists() and not place.is_dir():
+        raise ProblemError(f"{place}: found a file, expected a folder to write in")
     try:
         for kind in kinds:
             for line in export(folder, kind, place, unit):

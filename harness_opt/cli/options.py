@@ -34,7 +34,7 @@ class Positive(click.ParamType[float]):
 
 file_argument = click.argument("file", type=click.Path(path_type=Path))
 folders_option = click.option(
-    "--files", "folders", multiple=True, metavar="DIR", type=click.Path(path_type=Path),
+    "--files", "folders", multiple=True, metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder that meshes and tables may come from, beside FILE's own; may be given several times.",
 )  # fmt: skip
 seconds_option = click.option(

@@ -12,7 +12,6 @@ from harness_opt.design import redesign as robust_loop
 from harness_opt.design.trade_off import quantities
 from harness_opt.errors import Status
 from harness_opt.files.result_folder import ASIDE, SUMMARY, read_summary
-from harness_opt.studies.yields import with_yields
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
@@ -51,6 +50,8 @@ def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | No
         throw=False,
     )
     if result.robust is not None and result.status.ok:
+        from harness_opt.studies.yields import with_yields
+
         result = with_yields(result, progress=progress)
     return result
 

@@ -64,7 +64,7 @@ minimise = "change"                      # or "length"
 
 [design.variables]
 "lead.length" = [0.30, 0.50]             # m
-"lead.end.rotate_y_deg" = [-30, 30]      # a turn of the clamp about its own y axis
+"lead.end.rotate_y_deg" = [-30, 30]      # degrees, the clamp turned about its d2; check says where that points
 """
 
 
@@ -74,6 +74,8 @@ def write_template(name: Path) -> Path:
     Raises:
         ProblemError: there is one already, or it cannot be written.
     """
+    if not name.name:
+        raise ProblemError(f"{name}: found no name of a file, expected one such as my_cable")
     file = name if name.suffix == ".toml" else name.with_name(f"{name.name}.toml")
     if os.path.lexists(file):
         raise ProblemError(f"{file}: found a file of that name, expected a new one")

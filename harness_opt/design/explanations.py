@@ -51,12 +51,14 @@ class Key:
         key: as ``limits.bend_radius``, ``parts.housing.clearance`` or ``design.variables.lead.length``.
         kind: of the limit; "lower" or "upper" for a bound.
         part: whose own clearance limit it is; None for the others and for bounds.
+        cable: whose own bend radius it is; None for the others and for bounds.
         value: now, in SI units, of bounds in the unit of their key.
     """
 
     key: str
     kind: LimitKind | str
     part: str | None
+    cable: str | None
     value: float
 
 
@@ -205,12 +207,12 @@ def _relaxed_by(
 def _describe(problem: Problem, objective: Objective, least: Evaluated, candidate: _Candidate) -> Relaxation:
     if candidate.limit is not None:
         key = candidate.limit
-        return Relaxation(key.name, key.kind, key.part, key.limit, candidate.share, math.nan, None)
+        return Relaxation(key.name, key.kind, key.part, key.cable, key.limit, candidate.share, math.nan, None)
     number, side = _bound(candidate)
     variable = problem.design.variables[number]
     bound = variable.upper if side > 0 else variable.lower
     kind = "upper" if side > 0 else "lower"
-    return Relaxation(f"design.variables.{variable.name}", kind, None, bound, candidate.share, math.nan, None)
+    return Relaxation(f"design.variables.{variable.name}", kind, None, None, bound, candidate.share, math.nan, None)
 
 
 def _value(objective: Objective, trial: Evaluated, candidate: _Candidate, amount: float) -> float:
@@ -286,7 +288,8 @@ def prices(problem: Problem, objective: Objective, best: Evaluated) -> tuple[Pri
             # a scaled margin falls by 1 where a limit grows by its scale; of bend radii, by the limit itself
             unit = key.limit if key.kind is LimitKind.BEND_RADIUS else scale
             buys = dict(zip((v.name for v in problem.design.variables), scale * best.rows.rate[number], strict=True))
-            found.append(Price(key.name, key.kind, key.part, key.limit, worth * multiplier / unit, of, buys))
+            price = worth * multiplier / unit
+            found.append(Price(key.name, key.kind, key.part, key.cable, key.limit, price, of, buys))
     for number, multiplier in enumerate(answer.bounds):
         variable, side = problem.design.variables[number], 1 if multiplier > 0 else -1
         bound = variable.upper if side > 0 else variable.lower
@@ -294,7 +297,7 @@ def prices(problem: Problem, objective: Objective, best: Evaluated) -> tuple[Pri
         if at_bound and abs(multiplier) * worth > LEAST:
             saves = worth * abs(float(multiplier)) / objective.range[number]
             kind = "upper" if side > 0 else "lower"
-            found.append(Price(f"design.variables.{variable.name}", kind, None, bound, float(saves), of, {}))
+            found.append(Price(f"design.variables.{variable.name}", kind, None, None, bound, float(saves), of, {}))
     return tuple(found)
 
 

@@ -220,17 +220,18 @@ def _cable_rows(
     variables: int,
 ) -> list[Rows]:
     """Linearise bend radius, twist and clamp loads at the worst stations of every frame."""
-    limits, shapes, rows = problem.limits, motion.cables[cable], []
+    shapes, rows = motion.cables[cable], []
     everywhere, clamps = np.arange(len(shapes.s)), np.arange(len(shapes.s))[own_ends(problem.cables[cable])]
-    bend = None if limits.bend_radius is None else 1.0 / limits.bend_radius
-    for kind, quantity, limit, part, stations in (
-        (LimitKind.BEND_RADIUS, "curvature", bend, slice(0, 2), everywhere),
-        (LimitKind.TWIST, "curvature", limits.twist, slice(2, 3), everywhere),
-        (LimitKind.CLAMP_FORCE, "force", limits.clamp_force, slice(0, 3), clamps),
-        (LimitKind.CLAMP_MOMENT, "moment", limits.clamp_moment, slice(0, 3), clamps),
+    for kind, quantity, part, stations in (
+        (LimitKind.BEND_RADIUS, "curvature", slice(0, 2), everywhere),
+        (LimitKind.TWIST, "curvature", slice(2, 3), everywhere),
+        (LimitKind.CLAMP_FORCE, "force", slice(0, 3), clamps),
+        (LimitKind.CLAMP_MOMENT, "moment", slice(0, 3), clamps),
     ):
+        limit = problem.cable_limit(kind, cable)
         if limit is None or not len(stations):
             continue
+        limit = 1.0 / limit if kind is LimitKind.BEND_RADIUS else limit
         vector = getattr(shapes, quantity)[..., part]
         size = np.linalg.norm(vector, axis=-1)
         frame, at = np.nonzero(worst_places(size[:, stations]))

@@ -88,7 +88,8 @@ def quantities(text: str) -> tuple[str, str]:
 
 def check_pair(problem: Problem, pair: tuple[str, str]) -> None:
     """Raise ProblemError where ``problem`` does not give the limits that are to be traded."""
-    missing = [name for name in pair if name in LIMITS and getattr(problem.limits, name) is None]
+    general = {key.kind.value for key in limit_keys(problem) if key.general}
+    missing = [name for name in pair if name in LIMITS and name not in general]
     if missing:
         raise ProblemError(f"limits.{name}: found none, expected one to trade in --pareto" for name in missing)
 
@@ -145,7 +146,7 @@ def _levels(evaluate: Evaluator, stepped: str, values: Array, note: Note, points
 
 def _key(problem: Problem, name: str) -> LimitKey:
     """Return the key of ``[limits]`` called ``name``."""
-    return next(key for key in limit_keys(problem) if key.kind is LimitKind(name) and key.part is None)
+    return next(key for key in limit_keys(problem) if key.kind is LimitKind(name) and key.general)
 
 
 def _design(problem: Problem, aim: str) -> Design:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
-from harness_opt.files.schema import MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
-from harness_opt.files.values import MESH_UNITS
-from harness_opt.model.checks import KeyPath, Mistake, Tree, one_of, shown, table, value
+from harness_opt.files.schema import PART_SHAPES
+from harness_opt.model.checks import INVALID, KeyPath, Mistake, Tree, one_of, shown, table, value
+from harness_opt.model.parts import mesh_mistakes
 
 MOST_LIBRARY_BYTES = MEGABYTE
 OF_A_LIBRARY = (
@@ -24,8 +24,8 @@ OF_A_LIBRARY = (
 OF_A_MESH = {
     "mesh_unit": "a unit", "mesh_scale": "a scale", "mesh_sha256": "a SHA-256", "shell": "a shell", "up": "an axis",
 }  # fmt: skip
+NEEDED = ("diameter", "bending_stiffness", "torsional_stiffness")
 MASSES = ("density", "mass_per_length")
-NOT_READ = (".stp", ".step", ".igs", ".iges", ".x_t", ".sldprt", ".sldasm", ".ipt", ".catpart", ".prt", ".3mf", ".dae")
 
 
 def mistakes_of_parts(tree: Tree, places: Places) -> Iterator[Mistake]:
@@ -57,15 +57,8 @@ def _part(tree: Tree, name: str, places: Places) -> Iterator[Mistake]:
 def _mesh(path: KeyPath, part: Tree, places: Places) -> Iterator[Mistake]:
     """Check the suffix, the unit, the place and the presence of a mesh file; what is in it is the scene's to read."""
     mesh = part["mesh"]
-    suffix = Path(mesh).suffix.lower()
-    known = (*UNITLESS_MESHES, *MESHES_IN_METRES)
-    if suffix in NOT_READ:
-        yield (*path, "mesh"), f"found {shown(mesh)}, a kind of CAD file that is not read: export STL or GLB"
-    elif suffix not in known:
-        yield (*path, "mesh"), f"found {shown(mesh)}, expected a file ending in {one_of(known, suffix)}"
-    elif suffix in UNITLESS_MESHES and "mesh_unit" not in part:
-        words = f"expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"
-        yield (*path, "mesh_unit"), f"found nothing, {words}"
+    for key, words in mesh_mistakes(mesh, "m" if "mesh_unit" in part else None):
+        yield (*path, key), words
     why = places.fault(mesh, "a mesh", value(part, "mesh_sha256"), MOST_MESH_BYTES)
     if why:
         yield (*path, "mesh"), why
@@ -92,13 +85,15 @@ def with_cables(raw: Mapping[str, Any], places: Places, own: Path) -> tuple[dict
         path = ("cables", str(name), "from")
         taken, wrong = _taken(cable["from"], places, own)
         mistakes += [(path, words) for words in wrong]
+        if wrong and not taken:  # what it would have said is not missing
+            taken = dict.fromkeys(NEEDED, INVALID)
         if any(mass in cable for mass in MASSES):
             taken = {key: value for key, value in taken.items() if key not in MASSES}
         filled[name] = {**taken, **cable}
         if taken and not wrong:
             mistakes += [
                 (("cables", str(name), key), f"found nothing, here or in {cable['from']}, expected a number above 0")
-                for key in ("diameter", "bending_stiffness", "torsional_stiffness")
+                for key in NEEDED
                 if key not in filled[name]
             ]
     return {**raw, "cables": filled}, mistakes
@@ -146,6 +141,11 @@ def _table_of(reference: str, places: Places, own: Path) -> Mapping[str, Any]:
     return found
 
 
+def library_of(reference: str, places: Places) -> Path:
+    """Return the file of a reference such as ``my_cables.toml#power``."""
+    return places.located(reference.partition("#")[0])
+
+
 def mistakes_of_limits(tree: Tree) -> Iterator[Mistake]:
     """Yield what is wrong about a bend limit in diameters."""
     limits, path = table(tree, "limits"), ("limits", "bend_radius_factor")
@@ -154,24 +154,27 @@ def mistakes_of_limits(tree: Tree) -> Iterator[Mistake]:
         return
     if "bend_radius" in limits:
         yield path, "found bend_radius as well, expected one of the two"
-    radii = {}
     for name in table(tree, "cables"):
         cable = table(tree, "cables", name)
         told = table(cable, "bend_radius_factors").get(factor) if isinstance(factor, str) else factor
-        diameter = value(cable, "diameter")
+        if "bend_radius" in cable:
+            yield path, f"found cables.{name}.bend_radius as well, expected one of the two"
         if told is None:
             words = f"expected it in cables.{name}.bend_radius_factors, or in the library that the cable is from"
             yield path, f"found {shown(factor)}, {words}"
-        elif isinstance(diameter, (int, float)) and isinstance(told, (int, float)):
-            radii[name] = told * diameter
-    if len({round(radius, 12) for radius in radii.values()}) > 1:
-        told = ", ".join(f"{name} {1e3 * radius:.4g} mm" for name, radius in radii.items())
-        yield path, f"found several radii ({told}), expected one for all cables: give bend_radius, which all must hold"
 
 
-def bend_radius(limits: Any, cables: Mapping[str, Any]) -> float | None:
-    """Return the bend limit of a file, m: as given, or in diameters of its cables, which are alike then."""
-    if limits.bend_radius_factor is None:
-        return limits.bend_radius  # type: ignore[no-any-return]
-    cable, factor = next(iter(cables.values())), limits.bend_radius_factor
-    return float((cable.bend_radius_factors[factor] if isinstance(factor, str) else factor) * cable.diameter)
+def bend_radii(limits: Any, cables: Mapping[str, Any]) -> tuple[float | None, dict[str, float | None]]:
+    """Return the bend limit of a file for all cables, m, and those of their own by name.
+
+    A limit in diameters that is the same for all is one for all.
+    """
+    own = {name: cable.bend_radius for name, cable in cables.items()}
+    factor = limits.bend_radius_factor
+    if factor is None:
+        return limits.bend_radius, own
+    radii = {
+        name: float((cable.bend_radius_factors[factor] if isinstance(factor, str) else factor) * cable.diameter)
+        for name, cable in cables.items()
+    }
+    return (next(iter(radii.values())), own) if len(set(radii.values())) == 1 else (None, {**radii})

@@ -19,7 +19,7 @@ from typing import Any
 
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
-from harness_opt.files.beside import bend_radius, mistakes_of_limits, mistakes_of_parts, with_cables
+from harness_opt.files.beside import bend_radii, library_of, mistakes_of_limits, mistakes_of_parts, with_cables
 from harness_opt.files.bodies import motions_of
 from harness_opt.files.places import MEGABYTE, Places, unreadable
 from harness_opt.files.quantity_keys import robust_mistakes
@@ -27,7 +27,6 @@ from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.values import structured
 from harness_opt.files.whole_folder import write_whole
-from harness_opt.files.write import problem_text
 from harness_opt.model.between import mistakes_between
 from harness_opt.model.bodies import Body, BodyMotion, Hinge, Slide, seconds_of
 from harness_opt.model.cable import Cable, CableRun, Clip, End
@@ -99,6 +98,8 @@ def write_problem(problem: Problem, path: str | os.PathLike[str]) -> Path:
     Raises:
         ProblemError: the file can't be written, or could not be read back: nothing is written then.
     """
+    from harness_opt.files.write import problem_text  # what writes TOML is not waited for by what reads it
+
     file = Path(path)
     file = file.parent.resolve() / file.name
     if file.is_dir():
@@ -185,15 +186,16 @@ def _problem(
     places: Places,
     file: Path,
 ) -> Problem:
+    bend_radius, own_radii = bend_radii(tables.limits, tables.cables)
     return Problem(
-        cables={name: _cable_run(cable) for name, cable in tables.cables.items()},
+        cables={name: _cable_run(cable, own_radii[name]) for name, cable in tables.cables.items()},
         bodies={
             name: Body(motions[name], body.parent, body.position, body.quaternion)
             for name, body in tables.bodies.items()
         },
         parts={name: _part(part, places) for name, part in tables.parts.items()},
         gravity=tables.gravity,
-        limits=_limits(tables),
+        limits=_limits(tables.limits, bend_radius),
         design=_design(tables.design),
         robust=_robust(tables.robust),
         duration=duration,
@@ -201,6 +203,7 @@ def _problem(
         spatial_step=tables.motion.spatial_step,
         title=tables.title,
         file=places.folder / file.name,
+        libraries=tuple(library_of(cable.from_, places) for cable in tables.cables.values() if cable.from_),
     )
 
 
@@ -255,7 +258,8 @@ def _syntax_words(message: str, text: str) -> str:
     ended = re.fullmatch(r"(.*) \(at end of document\)", message, re.DOTALL)
     if ended:
         return f"line {len(lines)}: found the end of the file, expected TOML: {_lowered(ended[1])}"
-    return f"found a value that can't be read, expected TOML: {_lowered(message)}"
+    words = _lowered(message.partition("; use sys.")[0])  # what is behind is advice to programmers
+    return f"found a value that can't be read, expected TOML: {words}"
 
 
 def _lowered(words: str) -> str:
@@ -291,10 +295,10 @@ def on_one_clock(
     return found, duration, mistakes
 
 
-def _cable_run(cable: file_schema.CableTable) -> CableRun:
+def _cable_run(cable: file_schema.CableTable, bend_radius: float | None) -> CableRun:
     ends = _end(cable.start), _end(cable.end)
     clips = tuple(Clip(**clip.model_dump(exclude={"kind"})) for clip in cable.clips)
-    return CableRun(_cable(cable), *ends, bow=cable.bow, fitted_at=cable.fitted_at, clips=clips)
+    return CableRun(_cable(cable), *ends, cable.bow, cable.fitted_at, clips, bend_radius)
 
 
 def _cable(cable: file_schema.CableTable) -> Cable:
@@ -331,12 +335,11 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
     return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up, part.mesh_scale)
 
 
-def _limits(tables: file_schema.ProblemTable) -> Limits:
-    limits = tables.limits
+def _limits(limits: file_schema.LimitsTable, bend_radius: float | None) -> Limits:
     twist = limits.twist_deg_per_m
     return Limits(
         clearance=limits.clearance,
-        bend_radius=bend_radius(limits, tables.cables),
+        bend_radius=bend_radius,
         twist=None if twist is None else math.radians(twist),
         clamp_force=limits.clamp_force,
         clamp_moment=limits.clamp_moment,

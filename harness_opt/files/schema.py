@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, JsonValue
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from harness_opt.files.bodies import BodyTable
 from harness_opt.files.tolerance_table import ToleranceTable
@@ -35,19 +35,12 @@ from harness_opt.files.values import (
     UpAxis,
     Vector,
     Whole,
+    not_both,
     only_integer,
+    required_unless,
     schema_of,
 )
 from harness_opt.model.checks import one_of
-
-UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
-MESHES_IN_METRES = (".glb", ".gltf")  # glTF 2.0, section 3.4: all linear distances are in metres
-
-
-def _not_both(*keys: str) -> list[JsonValue]:
-    """Return the JSON Schema of "at most one of ``keys``"."""
-    pairs: list[JsonValue] = [[a, b] for i, a in enumerate(keys) for b in keys[i + 1 :]]
-    return [{"not": {"required": pair}} for pair in pairs]
 
 
 class EndTable(Table):
@@ -56,9 +49,9 @@ class EndTable(Table):
     model_config = ConfigDict(
         json_schema_extra={
             "allOf": [
-                *_not_both("position", "force"),
-                *_not_both("quaternion", "tangent", "moment"),
-                *_not_both("roll", "roll_deg"),
+                *not_both("position", "force"),
+                *not_both("quaternion", "tangent", "moment"),
+                *not_both("roll", "roll_deg"),
             ],
             "dependentRequired": {"roll": ["tangent"], "roll_deg": ["tangent"]},
         }
@@ -111,11 +104,16 @@ class ClipTable(EndTable):
 class CableTable(Table):
     """A homogeneous, inextensible, unshearable, linearly elastic cable and what holds its ends."""
 
-    model_config = ConfigDict(json_schema_extra={"allOf": _not_both("density", "mass_per_length")})
+    model_config = ConfigDict(
+        json_schema_extra=required_unless(
+            "from", "diameter", "bending_stiffness", "torsional_stiffness", allOf=not_both("density", "mass_per_length")
+        )
+    )
 
     length: Positive = Field(description="Of the centreline, m.")
     diameter: Positive = Field(description="Outer diameter, m.")
-    from_: Text | None = Field(default=None, alias="from", description="Cable of a library: my_cables.toml#NAME.")
+    from_: Text | None = Field(default=None, alias="from", description="Cable of a library, my_cables.toml#NAME.")
+    bend_radius: Positive | None = Field(default=None, description="This cable's own limit of the bend radius, m.")
     bend_radius_factors: dict[str, Positive] = Field(default_factory=dict, description="Bend limits by use, diameters.")
     bending_stiffness: Bending = Field(description="N m2; one number, or [kx, ky] about d1 and d2 of a flat section.")
     torsional_stiffness: Positive = Field(description="kz, about the tangent, N m2.")

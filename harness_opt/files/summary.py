@@ -11,7 +11,7 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from harness_opt.model.limits import KIND_OF_KEY, LimitId, LimitKind, Obstacle
-from harness_opt.model.problem import Moments, Travel
+from harness_opt.model.problem import SHARES, Moments, Travel
 from harness_opt.model.results import Holds, LimitResult
 
 Json = dict[str, Any]
@@ -131,6 +131,7 @@ class RelaxationEntry(TypedDict):
     key: str
     kind: Annotated[str, _said("Of the limit, as ``name``; ``lower`` or ``upper`` of a bound")]
     part: Annotated[str | None, _said("Whose own clearance limit it is")]
+    cable: Annotated[str | None, _said("Whose own bend radius it is")]
     value: float
     share: float
     estimate: Number
@@ -144,6 +145,7 @@ class PriceEntry(TypedDict):
     key: str
     kind: str
     part: str | None
+    cable: str | None
     value: float
     saves: float
     of: Annotated[str, _said("``change``, ``length`` or ``margin``")]
@@ -303,7 +305,7 @@ def moments_of(summary: Summary) -> Moments:
     """Return what tells the moments of a result's motion; per cent of one that an older version wrote."""
     path = summary.get("path")
     if path is None:
-        return Moments((), 0.0)
+        return SHARES
     return Moments([Travel(**way) for way in path["ways"]], path["duration"], path["out_and_back"])
 
 

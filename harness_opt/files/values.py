@@ -15,6 +15,7 @@ from pydantic import (
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
+    JsonValue,
     ModelWrapValidatorHandler,
     ValidationError,
     model_validator,
@@ -22,16 +23,14 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
-from harness_opt.model.checks import INVALID, LARGEST, KeyPath, Mistake, by_name, one_of, shown
+from harness_opt.model.checks import INVALID, LARGEST, SMALLEST, KeyPath, Mistake, by_name, one_of, shown, sized
+from harness_opt.model.parts import MESH_UNITS, UP_AXES
 from harness_opt.numerics import rotations
 
 QUATERNION_TOLERANCE = 1e-3  # largest | |q| - 1 | taken as rounding: three typed digits do; normalised then
-SMALLEST = 1e-100  # of a number that has to be above 0: nothing that is divided by it may overflow
 SHORTEST = 1e-100  # direction, in any unit: its square must not vanish
 
 MOTION_KINDS = ("hinge", "slide", "poses")
-MESH_UNITS = ("m", "cm", "mm", "in")
-UP_AXES = ("y", "z")
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,7 @@ class Expected:
         try:
             return inner(value)
         except ValidationError:
-            size = abs(value) if isinstance(value, (int, float)) else 0
-            words = self.words + (f", at most {LARGEST:g} in size" if LARGEST < size < math.inf else "")
-            words += f", at least {SMALLEST:g}" if 0 < size < SMALLEST and value > 0 else ""
-            raise PydanticCustomError("expected", "{words}", {"words": words}) from None
+            raise PydanticCustomError("expected", "{words}", {"words": sized(self.words, value)}) from None
 
 
 def _unit(q: tuple[float, ...]) -> tuple[float, ...]:
@@ -71,7 +67,7 @@ def _nonzero(v: tuple[float, ...]) -> tuple[float, ...]:
 
 def _no_zeros(v: tuple[float, ...]) -> tuple[float, ...]:
     if not all(abs(number) >= SMALLEST for number in v):
-        raise PydanticCustomError("expected", "three numbers that are not 0")
+        raise PydanticCustomError("expected", "[x, y, z], three numbers that are not 0")
     return v
 
 
@@ -175,6 +171,22 @@ class Table(BaseModel):
         return PydanticCustomError(kind, "{words}", {"words": error["msg"]})
 
 
+def not_both(*keys: str) -> list[JsonValue]:
+    """Return the JSON Schema of "at most one of ``keys``"."""
+    pairs: list[JsonValue] = [[a, b] for i, a in enumerate(keys) for b in keys[i + 1 :]]
+    return [{"not": {"required": pair}} for pair in pairs]
+
+
+def required_unless(key: str, *others: str, **more: Any) -> Callable[[dict[str, Any]], None]:
+    """Return what has the JSON Schema of a table ask for ``others`` only where ``key`` is missing, and add ``more``."""
+
+    def change(schema: dict[str, Any]) -> None:
+        required = [name for name in schema["required"] if name not in others]
+        schema |= {"required": required, "anyOf": [{"required": [key]}, {"required": list(others)}], **more}
+
+    return change
+
+
 TableKind = TypeVar("TableKind", bound=Table)
 
 
@@ -206,7 +218,7 @@ def structured(
     """Validate a parsed file key by key.
 
     Args:
-        raw: the nested tables, as :mod:`tomllib` gives them.
+        raw: the nested tables, as :mod:`tomllib` gives them; INVALID in them is known to be wrong, and not told again.
         model: what the file holds.
 
     Returns:
@@ -218,7 +230,7 @@ def structured(
     try:
         return model.model_validate(raw), tree, []
     except ValidationError as error:
-        return None, tree, [_mistake(tree, e) for e in error.errors()]
+        return None, tree, [_mistake(tree, e) for e in error.errors() if e["input"] is not INVALID]
 
 
 def _copied(value: Any) -> Any:

@@ -141,6 +141,7 @@ def _cable(run: CableRun) -> Table:
         ("torsional_stiffness", float(cable.torsional_stiffness), "N m2"),
         ("mass_per_length", float(cable.mass_per_length) or None, "kg/m"),
         ("rest_curvature", _numbers(cable.rest_curvature) if any(cable.rest_curvature) else None, "1/m"),
+        ("bend_radius", None if run.bend_radius is None else float(run.bend_radius), "m, this cable's own limit"),
         ("bow", _numbers(run.bow), "to which side it bows at the start"),
         ("fitted_at", float(run.fitted_at) or None, "of the motion, 0 to 1, where an untwisted end is clamped"),
         ("start", _inline(_end_rows(run.start)), ""),

@@ -7,6 +7,7 @@ twice, and both in the same words.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args
 
@@ -29,7 +30,7 @@ from harness_opt.model.checks import (
     value,
 )
 from harness_opt.model.design import Minimise
-from harness_opt.model.parts import Box, MeshFile, Part
+from harness_opt.model.parts import UP_AXES, Box, MeshFile, Part, mesh_mistakes
 from harness_opt.model.spans import too_short
 
 LONGEST_NAME = 100  # letters; names become file names and array names
@@ -84,6 +85,9 @@ def _body(tree: Tree, path: KeyPath, owner: Tree, key: str = "body") -> Iterator
     """Check that the body which ``owner`` names exists."""
     name, bodies = value(owner, key), tree.get("bodies", {})
     if name is None or not isinstance(bodies, Mapping):
+        return
+    if not isinstance(name, str):
+        yield (*path, key), f"found {shown(name)}, expected text in quotes"
         return
     known = [WORLD, *(body for body in bodies if body != WORLD)]
     if name not in known:
@@ -218,15 +222,20 @@ def _turns(path: KeyPath, ends: Mapping[str, Tree], *, clipped: bool) -> Iterato
             if not any(name in other for name in ORIENTATIONS):
                 yield key, f"found {shown(turns)}, expected 0, as the {side} has neither quaternion nor tangent"
             elif value(other, "roll") == "free":
-                yield key, f"found {shown(turns)}, expected 0, as the {side} turns freely"
+                yield key, f"found {shown(turns)}, expected 0, as {'it' if side == own else f'the {side}'} turns freely"
 
 
 # --- limits ----------------------------------------------------------------------------------
 
 
 def _bend_radius(tree: Tree) -> Iterator[Mistake]:
-    limit = value(table(tree, "limits"), "bend_radius")
-    diameters = {name: value(table(tree, "cables", name), "diameter") for name in table(tree, "cables")}
+    limit, cables = value(table(tree, "limits"), "bend_radius"), table(tree, "cables")
+    diameters = {name: value(table(cables, name), "diameter") for name in cables}
+    own = {name: value(table(cables, name), "bend_radius") for name in cables}
+    for name, radius in own.items():
+        if radius is not None and diameters.pop(name) is not None and radius < 0.5 * cables[name]["diameter"]:
+            words = f"expected at least {0.5 * cables[name]['diameter']:.6g}, half the diameter"
+            yield ("cables", name, "bend_radius"), f"found {shown(radius)}, {words}"
     thick = max((name for name, d in diameters.items() if d is not None), key=lambda n: diameters[n], default=None)
     if limit is not None and thick is not None and limit < 0.5 * diameters[thick]:
         words = f"expected at least {0.5 * diameters[thick]:.6g}, half the diameter of cable {thick!r}"
@@ -249,6 +258,12 @@ def mistakes_of(problem: Any) -> list[str]:
     found.told += [f"{dotted(path)}: {words}" for path, words in mistakes_between(_tree(problem))]
     if not problem.cables:
         found.told.append("cables: found an empty table, expected at least one cable")
+    for one in problem.design.variables:
+        if not (_is_number(one.lower) and _is_number(one.upper)):
+            key = dotted(("design", "variables", one.name))
+            found.told.append(f"{key}: found {shown([one.lower, one.upper])}, expected [lower, upper], two numbers")
+    if not isinstance(problem.title, str):
+        found.told.append(f"title: found {shown(problem.title)}, expected text in quotes")
     with found:
         checks.numbers("gravity", problem.gravity, 3)
     with found:
@@ -290,6 +305,10 @@ def _kinds(problem: Any) -> Iterator[str]:
                 yield f"{dotted((section, str(name)))}: found {type(one).__name__}, expected {kind.__name__}{more}"
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
 def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> None:
     key, shape = dotted(path), part.shape
     if part.clearance is not None:
@@ -300,10 +319,14 @@ def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> N
     with found:
         checks.quaternion(f"{key}.quaternion", part.quaternion)
     if isinstance(shape, MeshFile):
+        found.told += [f"{key}.{name}: {words}" for name, words in mesh_mistakes(str(shape.path), shape.unit)]
+        if shape.up not in (None, *UP_AXES):
+            found.told.append(f"{key}.up: found {shown(shape.up)}, expected {one_of(UP_AXES)}")
         with found:
             checks.numbers(f"{key}.mesh_scale", shape.scale, 3)
             if not all(shape.scale):
-                raise ProblemError(f"{key}.mesh_scale: found {shown(shape.scale)}, expected numbers that are not 0")
+                words = "expected [x, y, z], three numbers that are not 0"
+                raise ProblemError(f"{key}.mesh_scale: found {shown(shape.scale)}, {words}")
         return
     kind = f"{key}.{type(shape).__name__.lower()}"
     if isinstance(shape, Box):
@@ -319,7 +342,10 @@ def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> N
 def _tree(problem: Any) -> dict[str, Any]:
     """Return the tables that a problem file would have, as far as their keys and references go."""
     design = problem.design
-    variables: dict[str, Any] = {one.name: [one.lower, one.upper] for one in design.variables}
+    variables: dict[str, Any] = {
+        one.name: [one.lower, one.upper] if _is_number(one.lower) and _is_number(one.upper) else INVALID
+        for one in design.variables
+    }
     variables |= {one.name: f"= {one.words}" for one in design.couplings}
     return {
         "cables": {name: _run_table(run) for name, run in problem.cables.items()},
@@ -331,9 +357,10 @@ def _tree(problem: Any) -> dict[str, Any]:
 
 
 def _run_table(run: CableRun) -> dict[str, Any]:
+    own = {"diameter": run.cable.diameter, "length": run.cable.length, "bend_radius": run.bend_radius}
     clips = [_end_table(clip) for clip in run.clips]
     ends = {"start": _end_table(run.start), "end": _end_table(run.end)}
-    return {"diameter": run.cable.diameter, "length": run.cable.length, **ends, **({"clips": clips} if clips else {})}
+    return {**own, **ends, **({"clips": clips} if clips else {})}
 
 
 def _end_table(end: End) -> dict[str, Any]:

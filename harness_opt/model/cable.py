@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD
-from harness_opt.model.checks import Quaternion, Vector
+from harness_opt.model.checks import Quaternion, Vector, shown
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -60,13 +60,15 @@ class Cable:
 
     def _bending(self) -> float | tuple[float, float]:
         """Return the bending stiffness, checked."""
-        if np.ndim(self.bending_stiffness) == 0:
-            bending = checks.positive("bending_stiffness", self.bending_stiffness)  # type: ignore[arg-type]
-        else:
-            bending = checks.numbers("bending_stiffness", self.bending_stiffness, 2)  # type: ignore[assignment]
-            for value in bending:  # type: ignore[attr-defined]
-                checks.positive("bending_stiffness", value)
-        return bending
+        given: Any = self.bending_stiffness
+        try:
+            if isinstance(given, (bool, str)) or np.ndim(given) == 0:
+                return checks.positive("", given)
+            first, second = (checks.positive("", value) for value in given)
+        except (ProblemError, ValueError):
+            wanted = checks.sized("a number above 0, or [kx, ky], two numbers above 0", given)
+            raise ProblemError(f"bending_stiffness: found {shown(given)}, expected {wanted}") from None
+        return first, second
 
     @property
     def stiffness(self) -> Array:
@@ -142,11 +144,12 @@ class End:
     swivel: bool = False
 
     def __post_init__(self) -> None:
+        found = checks.Gathered()
         if self.let_off is not None:
-            object.__setattr__(self, "let_off", checks.positive("let_off", self.let_off, zero=True))
+            with found:
+                object.__setattr__(self, "let_off", checks.positive("let_off", self.let_off, zero=True))
         if self.holders is not None:
             object.__setattr__(self, "holders", tuple(self.holders))
-        found = checks.Gathered()
         for given, load in (
             ("position", "force"),
             ("quaternion", "moment"),
@@ -173,23 +176,24 @@ class End:
         if self.tangent is not None:
             object.__setattr__(self, "tangent", checks.direction("tangent", self.tangent))
         for name in ("roll", "roll_deg"):
-            if getattr(self, name) is not None and self.tangent is None:
-                raise ProblemError(f"{name}: found it without a tangent, expected one for it to turn about")
+            other = name == "roll" and self.quaternion is not None  # told already
+            if getattr(self, name) is not None and self.tangent is None and not other:
+                raise ProblemError(f"tangent: found nothing, expected a tangent for {name} to turn about")
         if self.roll is not None and self.roll not in ROLLS:
-            raise ProblemError(f"roll: found {self.roll!r}, expected 'untwisted' or 'free'")
+            raise ProblemError(f"roll: found {shown(self.roll)}, expected {checks.one_of(ROLLS, self.roll)}")
         if self.roll_deg is not None:
             object.__setattr__(self, "roll_deg", checks.numbers("roll_deg", [self.roll_deg], 1)[0])
         elif self.tangent is not None and self.roll is None:
             object.__setattr__(self, "roll", "untwisted")
         turns = self.turns
         if not isinstance(turns, (int, float)) or isinstance(turns, bool) or not math.isfinite(turns):
-            raise ProblemError(f"turns: found {turns!r}, expected a whole number, or any number of an untwisted end")
+            raise ProblemError(f"turns: found {shown(turns)}, expected a number")
         if turns == int(turns):
             object.__setattr__(self, "turns", int(turns))
         elif self.roll != "untwisted":
-            raise ProblemError(f"turns: found {turns!r}, expected a whole number: the roll is given")
+            raise ProblemError(f"turns: found {shown(turns)}, expected a whole number: the roll is given")
         if turns and (self.roll == "free" or self.swivel):
-            raise ProblemError(f"turns: found {turns!r}, expected 0: an end that turns freely keeps none")
+            raise ProblemError(f"turns: found {shown(turns)}, expected 0, as it turns freely")
 
     @property
     def frame(self) -> Quaternion | None:
@@ -292,6 +296,7 @@ class CableRun:
             gravity, or to the clamps.
         fitted_at: motion value, 0 to 1, at which an untwisted end is clamped.
         clips: what holds the cable on its way, in the order of their arc lengths.
+        bend_radius: the cable's own limit of the bend radius, m; None takes that of the problem.
 
     Raises:
         ProblemError: no position at either end; clips of one name, or whose arc lengths do not increase within the
@@ -304,16 +309,20 @@ class CableRun:
     bow: Vector | None = None
     fitted_at: float = 0.0
     clips: tuple[Clip, ...] = ()
+    bend_radius: float | None = None
 
     def __post_init__(self) -> None:
         at = self.fitted_at
+        if self.bend_radius is not None:
+            checks.positive("bend_radius", self.bend_radius)
         if not isinstance(at, (int, float)) or isinstance(at, bool) or not 0.0 <= at <= 1.0:
-            raise ProblemError(f"fitted_at: found {at!r}, expected a number from 0 to 1")
+            raise ProblemError(f"fitted_at: found {shown(at)}, expected a number from 0 to 1")
         if self.bow is not None:
             object.__setattr__(self, "bow", checks.direction("bow", self.bow))
         object.__setattr__(self, "clips", tuple(self.clips))
         if self.start.position is None and self.end.position is None and not self.clips:
-            raise ProblemError("end.position: neither end has a position, so the cable would fly away")
+            words = "found no position at either end, expected one: the cable would fly away"
+            raise ProblemError(f"end.position: {words}")
 
     @property
     def clamps(self) -> dict[str, End]:

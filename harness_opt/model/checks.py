@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
 
 LONGEST_SHOWN = 60  # characters of a wrong value that a message repeats
 LARGEST = 1e100  # of any number, in any unit: squares and products of two or three must not overflow
+SMALLEST = 1e-100  # of a number that has to be above 0: nothing that is divided by it may overflow
 
 COUPLING = re.compile(
     r"\s*=\s*(?:(?P<factor>[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\*\s*|(?P<minus>-)\s*)?"
@@ -67,11 +68,12 @@ class Gathered:
 def numbers(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
     """Return ``value`` as ``count`` finite floats, or raise ProblemError naming ``name``."""
     wanted = _COUNTED.get(count, f"{count} finite numbers")
+    typed = isinstance(value, (list, tuple)) and any(isinstance(item, (bool, str)) for item in value)
     try:
         array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}") from None
-    if array.shape != (count,) or not np.all(np.isfinite(array)):
+    except (TypeError, ValueError, OverflowError):
+        typed = True
+    if typed or array.shape != (count,) or not np.all(np.abs(array) <= LARGEST):
         raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}")
     return tuple(array.tolist())
 
@@ -89,18 +91,25 @@ def quaternion(name: str, value: ArrayLike) -> Quaternion:
 def positive(name: str, value: float, *, zero: bool = False) -> float:
     """Return ``value`` as a finite number above 0 (or, with ``zero``, of at least 0), or raise ProblemError."""
     wanted = "a number of at least 0" if zero else "a number above 0"
-    if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
-        raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}")
-    if not math.isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise ProblemError(f"{name}: found {shown(value)}, expected {wanted}")
+    number = isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
+    if not number or not (0 if zero else SMALLEST) <= value <= LARGEST:
+        raise ProblemError(f"{name}: found {shown(value)}, expected {sized(wanted, value)}")
     return float(value)
+
+
+def sized(wanted: str, value: object) -> str:
+    """Return what is ``wanted``, with the bound that ``value`` goes beyond where its size is all that is wrong."""
+    if not isinstance(value, (int, float)):
+        return wanted
+    most = f", at most {LARGEST:g} in size" if LARGEST < abs(value) < math.inf else ""
+    return wanted + most + (f", at least {SMALLEST:g}" if 0 < value < SMALLEST else "")
 
 
 def direction(name: str, value: ArrayLike) -> Vector:
     """Return ``value`` as a vector that is not zero, or raise ProblemError naming ``name``."""
     vector = numbers(name, value, 3)
     if not any(vector):
-        raise ProblemError(f"{name}: found {shown(value)}, expected a direction, not a zero vector")
+        raise ProblemError(f"{name}: found {shown(value)}, expected a direction, not zero")
     return vector  # type: ignore[return-value]
 
 
@@ -178,27 +187,3 @@ def coupling(text: str) -> tuple[str, float, float] | None:
     except ValueError:  # such as 1.2.3
         return None
     return (found["leader"], factor, offset) if max(abs(factor), abs(offset)) <= LARGEST else None
-
-
-# --- names of the transcriptions of the rod's equations, of the solvers, and of the interpolations between frames ----
-
-Transcription = Literal["collocation", "dqm"]
-SolverName = Literal["gauss-newton", "levenberg-marquardt", "ipopt", "paper"]
-Interpolation = Literal["exact", "linear"]
-
-TRANSCRIPTIONS: tuple[Transcription, ...] = get_args(Transcription)
-SOLVERS: tuple[SolverName, ...] = get_args(SolverName)
-INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
-
-
-def check_method(transcription: str, solver: str) -> None:
-    """Refuse names that are not in TRANSCRIPTIONS and SOLVERS.
-
-    Raises:
-        ProblemError: there is no transcription or solver of that name.
-    """
-    if transcription not in TRANSCRIPTIONS:
-        expected = " or ".join(map(repr, TRANSCRIPTIONS))
-        raise ProblemError(f"transcription: found {transcription!r}, expected {expected}")
-    if solver not in SOLVERS:
-        raise ProblemError(f"solver: found {solver!r}, expected one of {', '.join(map(repr, SOLVERS))}")

@@ -16,6 +16,7 @@ class LimitKey:
     Args:
         kind: of the limits.
         part: whose own clearance limit it is; None for ``[limits]``.
+        cable: whose own bend radius it is; None for ``[limits]``.
         limit: its value, SI.
         sets: the limits that it sets.
     """
@@ -24,10 +25,18 @@ class LimitKey:
     part: str | None
     limit: float
     sets: frozenset[LimitId]
+    cable: str | None = None
+
+    @property
+    def general(self) -> bool:
+        """Whether it is one of ``[limits]``."""
+        return self.part is None and self.cable is None
 
     @property
     def name(self) -> str:
         """The key in the problem file."""
+        if self.cable is not None:
+            return f"cables.{quoted(self.cable)}.{self.kind.key}"
         return f"limits.{self.kind.key}" if self.part is None else f"parts.{quoted(self.part)}.{self.kind.key}"
 
     def value(self, shortfall: float, scale: float) -> float:
@@ -43,6 +52,9 @@ class LimitKey:
 
     def replaced(self, problem: Problem, value: float) -> Problem:
         """Return ``problem`` with ``value`` in its place."""
+        if self.cable is not None:
+            run = dataclasses.replace(problem.cables[self.cable], bend_radius=value)
+            return dataclasses.replace(problem, cables={**problem.cables, self.cable: run})
         if self.part is None:
             return dataclasses.replace(problem, limits=dataclasses.replace(problem.limits, **{self.kind.value: value}))
         part = dataclasses.replace(problem.parts[self.part], clearance=value)
@@ -52,10 +64,16 @@ class LimitKey:
 def limit_keys(problem: Problem) -> tuple[LimitKey, ...]:
     """Return the keys of all limits of ``problem``; a part without a limit of its own can be given one."""
     found, limits = [], problem.limits
+    bend = LimitKind.BEND_RADIUS
+    own_bends = {cable: run.bend_radius for cable, run in problem.cables.items() if run.bend_radius is not None}
+    found += [
+        LimitKey(bend, None, limit, frozenset({LimitId(bend, cable)}), cable) for cable, limit in own_bends.items()
+    ]
     for kind in CABLE_KINDS:
         limit = getattr(limits, kind.value)
-        if limit is not None:
-            found.append(LimitKey(kind, None, limit, frozenset(LimitId(kind, cable) for cable in problem.cables)))
+        held = [cable for cable in problem.cables if kind is not bend or cable not in own_bends]
+        if limit is not None and held:
+            found.append(LimitKey(kind, None, limit, frozenset(LimitId(kind, cable) for cable in held)))
     clips = [(cable, clip.name) for cable, run in problem.cables.items() for clip in run.clips]
     for kind in CLIP_LOADS:
         limit = getattr(limits, kind.value)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from harness_opt.model.bodies import WORLD
-from harness_opt.model.checks import Quaternion, Vector
+from harness_opt.model.checks import Quaternion, Vector, one_of, shown
 from harness_opt.numerics import rotations
 
-Y_UP = (".glb", ".gltf")  # formats whose y axis points up: glTF 2.0, section 3.4
+UNITLESS_MESHES = (".stl", ".obj", ".ply")  # formats that carry no unit
+Y_UP = (".glb", ".gltf")  # formats in metres whose y axis points up: glTF 2.0, section 3.4
+MESH_UNITS = ("m", "cm", "mm", "in")
+UP_AXES = ("y", "z")
+NOT_READ = (".stp", ".step", ".igs", ".iges", ".x_t", ".sldprt", ".sldasm", ".ipt", ".catpart", ".prt", ".3mf", ".dae")
 
 
 @dataclass(frozen=True)
@@ -18,7 +23,7 @@ class MeshFile:
     """A triangle mesh on disk.
 
     Args:
-        path: absolute path of the file.
+        path: of the file; absolute in a problem that was read from one.
         unit: of its coordinates: "m", "cm", "mm", "in"; None where the format carries its own (GLB: metres).
         shell: whether a surface that is not closed will do: it has no inside, so a cable there goes unnoticed.
         up: its axis that points up, "y" or "z"; None for what its format says.
@@ -31,10 +36,26 @@ class MeshFile:
     up: Literal["y", "z"] | None = None
     scale: Vector = (1.0, 1.0, 1.0)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", Path(self.path))
+
     @property
     def up_axis(self) -> Literal["y", "z"]:
         """Its axis that points up; a y is turned to z, which is up in bodies: (x, y, z) becomes (x, -z, y)."""
         return self.up or ("y" if self.path.suffix.lower() in Y_UP else "z")
+
+
+def mesh_mistakes(name: str, unit: str | None) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong about the name of a mesh file and its unit: the key and the words."""
+    suffix, known = Path(name).suffix.lower(), (*UNITLESS_MESHES, *Y_UP)
+    if suffix in NOT_READ:
+        yield "mesh", f"found {shown(name)}, a kind of CAD file that is not read: export STL or GLB"
+    elif suffix not in known:
+        yield "mesh", f"found {shown(name)}, expected a file ending in {one_of(known, suffix)}"
+    elif suffix in UNITLESS_MESHES and unit is None:
+        yield "mesh_unit", f"found nothing, expected {one_of(MESH_UNITS)}: {suffix} files carry no unit"
+    if unit is not None and unit not in MESH_UNITS:
+        yield "mesh_unit", f"found {shown(unit)}, expected {one_of(MESH_UNITS, unit)}"
 
 
 @dataclass(frozen=True)

@@ -162,6 +162,7 @@ def _limits(problem: Problem) -> Iterator[str]:
     """Yield limits that no cable of the problem can mean."""
     longest = max((run.cable.length for run in problem.cables.values()), default=math.inf)
     given = {"limits.clearance": problem.limits.clearance, "limits.bend_radius": problem.limits.bend_radius}
+    given |= {f"cables.{name}.bend_radius": run.bend_radius for name, run in problem.cables.items()}
     given |= {f"parts.{name}.clearance": part.clearance for name, part in problem.parts.items()}
     for key, limit in given.items():
         if limit is not None and limit > longest:

@@ -25,6 +25,7 @@ from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.courses import polyline
 from harness_opt.model.design import Design, Limits, Robust
+from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -51,6 +52,7 @@ class Problem:
         title: one line for people.
         file: where the problem was read from, or None.
         sha256: of that file's bytes, or None.
+        libraries: files that cables of it were taken from.
     """
 
     cables: Mapping[str, CableRun]
@@ -66,6 +68,7 @@ class Problem:
     title: str = ""
     file: Path | None = None
     sha256: str | None = None
+    libraries: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         mistakes = mistakes_of(self)
@@ -135,9 +138,20 @@ class Problem:
         return any(one.motion is not None for one in chain(self.bodies, body))
 
     @property
+    def moments(self) -> Moments:
+        """What tells the moments of the motion."""
+        return Moments(travels(self), self.duration, self.out_and_back)
+
+    @property
     def moves(self) -> bool:
         """Whether any body has a motion."""
         return any(body.motion is not None for body in self.bodies.values())
+
+    def cable_limit(self, kind: LimitKind, cable: str) -> float | None:
+        """Return the limit of a ``kind`` but clearance that holds for ``cable``, SI: its own, or the general one."""
+        own = self.cables[cable].bend_radius if kind is LimitKind.BEND_RADIUS else None
+        general: float | None = getattr(self.limits, kind.value)
+        return general if own is None else own
 
     def clearance_limit(self, part: str) -> float | None:
         """Return the limit that holds for ``part``, m: its own, or the general one."""
@@ -182,7 +196,7 @@ def input_files(problem: Problem) -> list[Path]:
     """Return the files that ``problem`` was read from and still needs."""
     files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
     files += [body.table for body in problem.bodies.values() if body.table is not None]
-    return [*files, problem.file] if problem.file else files
+    return [*files, *problem.libraries, *([problem.file] if problem.file else [])]
 
 
 def left_out(problem: Problem) -> tuple[str, ...]:
@@ -302,11 +316,6 @@ class Moments:
     duration: float
     out_and_back: bool = False
 
-    @staticmethod
-    def of(problem: Problem) -> Moments:
-        """Return what tells the moments of a problem's motion."""
-        return Moments(travels(problem), problem.duration, problem.out_and_back)
-
     def short(self, motion: float) -> str:
         """Return a moment, 0 to 1, in one unit: ``55.0 deg``; nothing where nothing moves."""
         if not self.ways:
@@ -326,3 +335,6 @@ class Moments:
 
     def _share(self, motion: float) -> float:
         return 1.0 - abs(2.0 * motion - 1.0) if self.out_and_back else motion
+
+
+SHARES = Moments((), 0.0)  # tells shares of the motion alone

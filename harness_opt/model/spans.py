@@ -73,7 +73,7 @@ def in_spans(problem: Problem) -> Problem:
         cable = dataclasses.replace(run.cable, length=span.last - span.first)
         if isinstance(start, Clip):
             start = dataclasses.replace(start.held(), turns=0)
-        runs[span.name] = CableRun(cable, start, end, run.bow, run.fitted_at)
+        runs[span.name] = CableRun(cable, start, end, run.bow, run.fitted_at, bend_radius=run.bend_radius)
     return problem.changed(cables=runs)
 
 
@@ -163,5 +163,5 @@ def too_short(problem: Problem, cables: Iterable[str]) -> dict[str, str]:
             if span.name != span.cable:
                 between, whose = f" from {span.clamps[0]} to {span.clamps[1]}", "the two"
             words = f"expected at least {distance:.6g}, the distance between {whose}"
-            found[span.name] = f"{key}: found {length:g}{between}, {words} at motion {at:.3g} (of 0 to 1)"
+            found[span.name] = f"{key}: found {length:g}{between}, {words} at {problem.moments.words(at)}"
     return found

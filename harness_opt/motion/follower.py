@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.problem import Moments
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import coarsened, on_mesh
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh, estimates
@@ -234,7 +233,7 @@ class CableFollower:
 
     def failure(self, frame: int, reason: str) -> str:
         """Return the sentence for the user: at which ``frame`` it ended, and the ``reason``."""
-        at = Moments.of(self.problem).words(float(self.motion[frame]))
+        at = self.problem.moments.words(float(self.motion[frame]))
         return (
             f"cable {self.name}, frame {frame} of {len(self.motion)} ({at}): {reason}; "
             "try a smaller motion.spatial_step, more length, or another bow or number of turns"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.problem import Moments, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.follower import Progress
@@ -58,7 +58,7 @@ def sweep_by_quadrature(
             answer = solve_by_quadrature(posed, before, options)
             if not answer.status.ok:
                 status = answer.status
-                at = Moments.of(problem).words(float(motion[k]))
+                at = problem.moments.words(float(motion[k]))
                 message = (
                     f"cable {name}, frame {k} of {len(motion)} ({at}): differential quadrature on "
                     f"{answer.points} points: {status.value}; try more points, or the collocation"

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +33,14 @@ from numpy.typing import NDArray
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import checks
 from harness_opt.model.cable import End
-from harness_opt.model.checks import INTERPOLATIONS, Interpolation
 from harness_opt.model.results import CableMotion, Motion, split
 from harness_opt.model.spans import spans_of
 from harness_opt.motion.paper_data import Profile, solved
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
+Interpolation = Literal["exact", "linear"]
+INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
 AT_FRAME = 1e-12  # motion values this close are one: t / duration, rounded
 MOST_MOMENTS = 20_000
 MOST_MISSED = 1e-12  # what may be missing at the end clamp, in lengths of the cable and rad
@@ -193,8 +195,9 @@ def _exact(motion: Motion, cable: str, values: Array, here: _Place) -> tuple[Arr
     r, a, missing = _closed(curve, clamps, run.cable.stiffness)
     if not np.all(missing <= MOST_MISSED):
         k = int(np.argmin(missing <= MOST_MISSED))
+        where = motion.problem.moments.words(float(values[k]))
         raise SolveError(
-            f"cable {cable}, motion {values[k]:.4f}: no curve between frames {here.before[k]} and {here.after[k]} was "
+            f"cable {cable}, at {where}: no curve between frames {here.before[k]} and {here.after[k]} was "
             "found that meets the clamps; try a smaller motion.spatial_step, or the linear interpolation",
             Status.STALLED,
         )

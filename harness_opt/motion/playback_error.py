@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.model.cable import CableRun
-from harness_opt.model.checks import INTERPOLATIONS
 from harness_opt.model.results import Motion
 from harness_opt.motion.paper_data import solved
-from harness_opt.motion.playback import AT_FRAME, between, moments
+from harness_opt.motion.playback import AT_FRAME, INTERPOLATIONS, between, moments
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array

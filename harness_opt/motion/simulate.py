@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError, SolveError, Status
-from harness_opt.model.checks import check_method
 from harness_opt.model.problem import Problem, given_problem, left_out
 from harness_opt.model.results import Followed, Motion, Snap, joined
 from harness_opt.model.spans import carried, in_spans, spans_of, too_short
@@ -22,6 +21,7 @@ from harness_opt.motion.path import given_frames, place_frames
 from harness_opt.motion.sweep import MOTION_TOLERANCE, followed, sweep
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
+from harness_opt.rod.methods import check_method
 from harness_opt.rod.states import Rod
 from harness_opt.statics.equilibrium import Shape
 from harness_opt.statics.paper_pose import Quadrature

@@ -1,6 +1,6 @@
-"""Triangle meshes from files: read by trimesh, merged, and turned so that they close, outward, where they can.
+"""Triangle meshes from files: read, merged, and turned so that they close, outward, where they can.
 
-trimesh is imported when the first mesh is read.
+Binary STL and glTF are read here; text STL, OBJ and PLY by trimesh, which is imported when the first of them is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.places import MOST_MESH_BYTES
+from harness_opt.files.places import MOST_MESH_BYTES, unreadable
+from harness_opt.model.checks import shown
 from harness_opt.model.parts import MeshFile
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -28,7 +29,6 @@ SOLIDS = re.compile(rb"^[ \t]*(?:end)?solid\b.*$", re.IGNORECASE | re.MULTILINE)
 NOUGHT = re.compile(rb"[\s][-+]?0+(?=\s|$)")  # among the corners of faces
 TEXTURES = re.compile(rb"/[^\s/]*")  # numbers of texture corners and normals, behind that of a corner
 METRES = {None: 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # None: the format is in metres itself
-FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf")
 LONGEST = 200  # characters of what a reader says
 SAME = 1e-8  # of the file's unit: corners that near are one
 MIXERS = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)  # splitmix64's
@@ -44,7 +44,7 @@ def read_mesh(key: str, mesh: MeshFile) -> tuple[Array, Indices, bool]:
 
     Raises:
         ProblemError: a file that cannot be read, has no triangles, too many, or numbers that are not finite;
-            an unknown format, unit or axis; a surface that is not closed where no shell was asked for.
+            a surface that is not closed where no shell was asked for.
     """
     vertices, faces = _read(key, mesh)
     if mesh.up_axis == "y":
@@ -63,12 +63,9 @@ def read_mesh(key: str, mesh: MeshFile) -> tuple[Array, Indices, bool]:
 
 def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
     """Return the vertices (k, 3), in the file's unit and merged, and the faces (m, 3) of ``mesh``."""
-    if mesh.path.suffix.lower() not in FORMATS:
-        raise ProblemError(f"{key}: found {mesh.path.name!r}, expected a file ending in {', '.join(FORMATS)}")
-    if mesh.unit not in METRES:
-        raise ProblemError(f"{key}_unit: found {mesh.unit!r}, expected one of m, cm, mm, in")
-    if mesh.up_axis not in ("y", "z"):
-        raise ProblemError(f"{key.removesuffix('mesh')}up: found {mesh.up!r}, expected one of 'y', 'z'")
+    why = unreadable(mesh.path, MOST_MESH_BYTES)
+    if why:
+        raise ProblemError(f"{key}: found {shown(str(mesh.path))}, {why}, expected a mesh")
     try:
         files = beside(mesh.path, MOST_MESH_BYTES)
         with np.errstate(all="ignore"):  # what is not finite is refused in words
@@ -90,14 +87,14 @@ def _read(key: str, mesh: MeshFile) -> tuple[Array, Indices]:
 
 def _corners_and_faces(file: Path, files: Mapping[str, bytes]) -> tuple[Array, Indices]:
     """Return the corners (k, 3), as the file has them, and the faces (m, 3); ``files`` are those that it names."""
-    import trimesh
-
-    logging.getLogger("trimesh").addHandler(_UNHEARD)  # what it meets on the way; what stops it comes as an exception
     suffix = file.suffix.lower()
     if suffix in (".gltf", ".glb"):
         return read_gltf(file, files)
     if suffix == ".stl" and not is_text(file):
         return _binary_stl(file)
+    import trimesh  # half a second that the formats above do without
+
+    logging.getLogger("trimesh").addHandler(_UNHEARD)  # what it meets on the way; what stops it comes as an exception
     options: dict[str, Any] = {"process": False, "skip_materials": True, "resolver": files}
     loaded: Any
     if suffix == ".obj":

@@ -92,10 +92,12 @@ def _stl(file: Path) -> None:
         head = stream.read(STL_HEAD)
     count = int.from_bytes(head[-4:], "little") if len(head) == STL_HEAD else 0
     size, announced = file.stat().st_size, STL_HEAD + STL_FACE * count
+    if len(head) < STL_HEAD and not head.lstrip().lower().startswith(b"solid"):
+        raise Refused(f"{size} bytes, too few for an STL file")
     if size == announced:
         refuse_faces(count)
     elif size < announced and not head.lstrip().lower().startswith(b"solid"):
-        raise Refused(f"a file cut short: {size:,} of the {announced:,} bytes that {count:,} triangles take")
+        raise Refused(f"a file cut short: {size:,} of the {announced:,} bytes that {count:,} triangles take, or no STL")
     else:
         _refuse_long(file)
 

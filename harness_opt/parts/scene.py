@@ -1,7 +1,7 @@
 """Parts to stay clear of: what a problem describes, as geometry that answers distances of points.
 
-A primitive is a closed form (``primitives.py``), a mesh is read by trimesh (``mesh_file.py``) and asked
-through coal (``mesh.py``); both packages are imported when the first mesh is loaded.
+A primitive is a closed form (``primitives.py``), a mesh is read (``mesh_file.py``) and asked
+through coal (``mesh.py``), which is imported when the first is asked.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Scene:
 
 
 def load_scene(problem: Problem) -> Scene:
-    """Return the parts of ``problem`` as geometry; imports trimesh and coal only where a part is a mesh.
+    """Return the parts of ``problem`` as geometry; imports trimesh only where a mesh is text, OBJ or PLY.
 
     Raises:
         ProblemError: a mesh that cannot be read, has no triangles, too many, or numbers that are not finite;

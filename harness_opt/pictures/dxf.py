@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
-from harness_opt.model.problem import Moments
 from harness_opt.model.results import Motion
 
 UNITS = {"m": (6, 1.0), "mm": (4, 1e3)}  # number of $INSUNITS, and how many make a metre
@@ -28,7 +26,7 @@ def centreline(motion: Motion, name: str, unit: str) -> str:
 
 def layer_names(motion: Motion) -> list[str]:
     """Return the name of each frame's layer: its number, and where the motion stands."""
-    moments = Moments.of(motion.problem)
+    moments = motion.problem.moments
     names = []
     for frame, at in enumerate(motion.motion):
         words = moments.short(float(at)).replace(".", "_").replace("-", "minus_").replace(" ", "_")
@@ -51,10 +49,3 @@ def _pairs(
             yield from ((0, "VERTEX"), (8, layer), (10, x), (20, y), (30, z), (70, VERTEX_3D))
         yield from ((0, "SEQEND"), (8, layer))
     yield from ((0, "ENDSEC"), (0, "EOF"))
-
-
-def write_centrelines(motion: Motion, files: Iterable[tuple[str, Path]], unit: str) -> Iterator[str]:
-    """Write a file for each cable, by name, and say what is in it."""
-    for name, file in files:
-        file.write_text(centreline(motion, name, unit), encoding="ascii")
-        yield f"{file}: the centreline of {name} in {unit}, {len(motion.motion)} frames, a layer each"

@@ -24,13 +24,14 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.parts.triangles import triangles
+from harness_opt.pictures import dxf, step
 from harness_opt.pictures.drawing import placement, pose_at
-from harness_opt.pictures.dxf import UNITS, write_centrelines
+from harness_opt.pictures.dxf import UNITS
 from harness_opt.pictures.gltf import gltf
 from harness_opt.pictures.opengl import load_pyvista
 from harness_opt.pictures.swept_volume import for_stl, swept_volume
 
-KINDS = ("paraview", "csv", "gltf", "stl", "dxf")
+KINDS = ("paraview", "csv", "gltf", "stl", "dxf", "step")
 COLUMNS = (
     "frame", "motion", "time_s", "arc_length_m", "x_m", "y_m", "z_m", "quaternion_w", "quaternion_x", "quaternion_y",
     "quaternion_z", "curvature_x_per_m", "curvature_y_per_m", "twist_rad_per_m", "bend_radius_m", "force_x_N",
@@ -45,9 +46,10 @@ def export(folder: str | Path, kind: str, target: str | Path, unit: str = "m") -
     Args:
         folder: of a result.
         kind: "paraview" (``motion.pvd``, with a ``.vtp`` for each frame), "csv" (a table for each cable), "gltf"
-            (``motion.glb``, animated), "stl" (the volume that each cable sweeps) or "dxf" (each centreline).
+            (``motion.glb``, animated), "stl" (the volume that each cable sweeps), "dxf" or
+            "step" (each centreline).
         target: folder to write in; made where it is missing.
-        unit: of STL and DXF files, "m" or "mm".
+        unit: of STL, DXF and STEP files, "m" or "mm".
 
     Raises:
         HarnessError: no result in ``folder``, or a package that the export needs is missing; one line.
@@ -58,7 +60,8 @@ def export(folder: str | Path, kind: str, target: str | Path, unit: str = "m") -
         "csv": _csv,
         "gltf": _gltf,
         "stl": functools.partial(_stl, unit=unit),
-        "dxf": functools.partial(_dxf, unit=unit),
+        "dxf": functools.partial(_centrelines, unit=unit, kind="dxf"),
+        "step": functools.partial(_centrelines, unit=unit, kind="step"),
     }
     if unit not in UNITS:
         raise HarnessError(f"found the unit {unit!r}, expected one of {', '.join(UNITS)}")
@@ -127,9 +130,12 @@ def _gltf(motion: Motion, scene: Scene, target: Path) -> Iterator[str]:
     yield f"{file}: animated, {motion.problem.duration:g} s"
 
 
-def _dxf(motion: Motion, _scene: Scene, target: Path, unit: str) -> Iterator[str]:
-    files = [(name, target / f"{plain}_{unit}.dxf") for name, plain in _file_names(motion.cables).items()]
-    return write_centrelines(motion, files, unit)
+def _centrelines(motion: Motion, _scene: Scene, target: Path, *, unit: str, kind: str) -> Iterator[str]:
+    write, each = {"dxf": (dxf.centreline, "a layer"), "step": (step.centreline, "a curve")}[kind]
+    for name, plain in _file_names(motion.cables).items():
+        file = target / f"{plain}_{unit}.{kind}"
+        file.write_text(write(motion, name, unit), encoding="ascii")
+        yield f"{file}: the centreline of {name} in {unit}, {len(motion.motion)} frames, {each} each"
 
 
 def _stl(motion: Motion, _scene: Scene, target: Path, unit: str) -> Iterator[str]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness_opt.clearance.pairs import PairClearance
-from harness_opt.model.problem import Moments
 from harness_opt.model.results import Motion
 from harness_opt.parts.scene import Scene
 from harness_opt.pictures.drawing import (
@@ -154,7 +153,7 @@ class SceneView:
     def _point(self, shown: DrawnFrame) -> None:
         """Draw the line between a cable and what is nearest to its limit, and say how long it is."""
         plotter, at = self.plotter, float(self.motion.motion[shown.frame])
-        words, colour = f"{self.title}\n{Moments.of(self.motion.problem).words(at)}", INK
+        words, colour = f"{self.title}\n{self.motion.problem.moments.words(at)}", INK
         pair = min(shown.still.pairs, key=lambda pair: pair.worst - (pair.limit or 0.0), default=None)
         if pair is not None:
             broken = pair.worst < (pair.limit or 0.0)

@@ -15,7 +15,6 @@ from harness_opt.clearance.limits import all_limits, most_urgent
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.limits import LimitKind
-from harness_opt.model.problem import Moments
 from harness_opt.model.results import LimitResult, Motion
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -283,7 +282,7 @@ def _write_words(plotter: pv.Plotter, view: View) -> None:
         answer = {"no": "violated", "yes": "held", "uncertain": "not certain"}[row.holds]
         words.append(f"limit {_quantity(row.id.kind, row.limit)} {answer}")
     if moves:
-        words.append(f"at {Moments.of(shown.motion.problem).words(row.motion)}")
+        words.append(f"at {shown.motion.problem.moments.words(row.motion)}")
     _write(plotter, view.title, (0.03, 0.935), 17, INK).prop.bold = True
     _write(plotter, ", ".join(words), (0.03, 0.892), 12, TOUCHES if view.violated else INK)
     used = {tuple(colour) for name in shown.colours for colour in cable_colours(shown, name)[1]}

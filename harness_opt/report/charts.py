@@ -11,8 +11,8 @@ import numpy as np
 from harness_opt.clearance.limits import STRAIGHT, bending
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.model.cable import CableRun
-from harness_opt.model.design import Limits
 from harness_opt.model.limits import LimitKind, Obstacle
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -99,7 +99,7 @@ def charts(
         name: of the cable.
         given: the same of the design before, where there was another.
     """
-    limits, shapes = motion.problem.limits, motion.cables[name]
+    shapes = motion.cables[name]
     old = given[0].cables.get(name) if given else None
     at = given[0].motion if given else np.zeros(0)
     near, left_out = _nearest(measured, name)
@@ -110,7 +110,7 @@ def charts(
         yield Chart("Clearance", "mm", motion.motion, near, least, False, shown, True, left_out)
     run = motion.problem.cables[name]
     now, then = _quantities(shapes, run), _quantities(old, run) if old else {}
-    for title, (unit, limit, most) in _kinds(limits).items():
+    for title, (unit, limit, most) in _kinds(motion.problem, name).items():
         if not now[title]:  # of clips, where there are none
             continue
         before = (at, then[title]) if then else None
@@ -153,11 +153,11 @@ TITLES = {
 }
 
 
-def _kinds(limits: Limits) -> dict[str, tuple[str, float | None, bool]]:
-    """Return unit, limit in that unit, and whether it is the most allowed, by title."""
+def _kinds(problem: Problem, cable: str) -> dict[str, tuple[str, float | None, bool]]:
+    """Return unit, limit in that unit, and whether it is the most allowed, by title, of a cable."""
     found: dict[str, tuple[str, float | None, bool]] = {}
     for kind, title in TITLES.items():
-        limit = getattr(limits, kind.value)
+        limit = problem.cable_limit(kind, cable)
         shown = None if limit is None else kind.unit.factor * kind.from_si * limit
         found[title] = (kind.unit.name, shown, not kind.is_least)
     return found | {"Stability margin": ("", 0.0, False)}

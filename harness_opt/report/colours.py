@@ -11,6 +11,7 @@ import numpy as np
 from harness_opt.clearance import along_cable as colouring
 from harness_opt.clearance.limits import bending
 from harness_opt.clearance.pairs import ClearanceResult
+from harness_opt.model.limits import LimitKind
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 
@@ -52,8 +53,10 @@ def keys(results: Sequence[tuple[Motion, ClearanceResult]]) -> dict[str, Key]:
     """
     problem = results[-1][0].problem
     limits = problem.limits
+    radii = {radius for name in problem.cables if (radius := problem.cable_limit(LimitKind.BEND_RADIUS, name))}
+    radius = next(iter(radii)) if len(radii) == 1 else None  # of several none is the limit of a colour
     bend = max(float(np.max(bending(cable))) for motion, _ in results for cable in motion.cables.values())
-    bend = max(bend, 1.0 / limits.bend_radius if limits.bend_radius else 0.0)
+    bend = max([bend, *(1.0 / one for one in radii)])
     twists = [float(np.max(np.abs(c.curvature[..., 2]))) for motion, _ in results for c in motion.cables.values()]
     twist = math.degrees(max([*twists, limits.twist or 0.0]))
     allowed = min((pair.limit for _, found in results for pair in found.pairs if pair.limit), default=None)
@@ -62,7 +65,7 @@ def keys(results: Sequence[tuple[Motion, ClearanceResult]]) -> dict[str, Key]:
     bends = [(t, f"{1e3 / (t * bend):.0f} mm" if t * bend > 0 else "straight") for t in steps]
     turns = [(t, f"{t * twist:.0f} deg/m") for t in steps]
     gaps = [(1 - t, f"{1e3 * t * far:.3g} mm" + (" and more" if t == 1 else "")) for t in steps]
-    radius, turn = limits.bend_radius, None if limits.twist is None else math.degrees(limits.twist)
+    turn = None if limits.twist is None else math.degrees(limits.twist)
     return {
         "bend": _key(
             "Bend radius", bend, bends, (1 / radius / bend, f"limit {1e3 * radius:.3g} mm") if radius else None

@@ -5,30 +5,36 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from harness_opt.clearance.what_counts import let_off_length
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
-from harness_opt.model.cable import CableRun, Clip, End
+from harness_opt.model.cable import CableRun, End
 from harness_opt.model.courses import Course, Moves, ValueTable
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
-from harness_opt.model.limits import LimitKind
+from harness_opt.model.limits import CABLE_KINDS, LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Moments, Problem, left_out
+from harness_opt.model.problem import Problem, left_out
 from harness_opt.model.spans import Span, in_spans, slack, spans_of
 from harness_opt.motion.path import clamp_twist, place_frames
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Geometry, Mesh, Scene
+from harness_opt.report.suspects import suspects
 
 Json = dict[str, Any]
 
 WIDTH = 80
+# w L^3/B, below which it means this: it is eight times a cantilever's sag in lengths; at 100 the stretch next to a
+# clamp over which stiffness is felt, L sqrt(B / (w L^3)), is a tenth of the length
+WEIGHTS = (
+    (1.0, "stiffness shapes it, weight hardly"),
+    (100.0, "weight and stiffness shape it"),
+    (math.inf, "weight shapes it, but near its ends"),
+)
 
 
 def facts(problem: Problem, scene: Scene) -> Json:
@@ -86,9 +92,10 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
         "end": _end(run.end),
         "clips": {clip.name: {"at": clip.at, **_end(clip)} for clip in run.clips},
         "turns": run.turned_in,
+        "bend_radius": run.bend_radius,
         "clamp_twist": clamp_twist(problem, name),
         "fitted_at": None if run.untwisted is None else run.fitted_at,
-        "fitted_where": None if run.untwisted is None else Moments.of(problem).words(run.fitted_at),
+        "fitted_where": None if run.untwisted is None else problem.moments.words(run.fitted_at),
     }
 
 
@@ -98,7 +105,7 @@ def _span(problem: Problem, span: Span, motion: Array) -> Json:
     left = slack(problem, span, motion)
     if left is None:
         return found
-    tight = Moments.of(problem).words(float(motion[np.argmin(left)]))
+    tight = problem.moments.words(float(motion[np.argmin(left)]))
     return found | {"slack": [float(np.min(left)), float(np.max(left))], "least_slack_at": tight}
 
 
@@ -114,14 +121,6 @@ def _variable(problem: Problem, variable: Variable) -> Json:
     projected = end.frame if end.tangent is None else rotations.from_tangent(end.tangent)
     axis = rotations.matrix(projected)[:, meant.axis]
     return found | {"about": (np.round(axis, 6) + 0.0).tolist(), "body": end.body}
-
-
-def _path(problem: Problem, end: End, motion: Array) -> Array | None:
-    """Return the world positions (P, 3) of ``end``, or None where a force holds it."""
-    if end.position is None:
-        return None
-    position, quaternion = problem.poses(end.body, motion)
-    return position + rotations.rotate(quaternion, end.position)
 
 
 def _end(end: End) -> Json:
@@ -202,72 +201,11 @@ def _reasons(problem: Problem) -> list[Json]:
     if unlimited:
         what = f"a limit for {', '.join(unlimited)}"
         reasons.append({"what": what, "why": "neither has its own clearance nor is there a general one"})
-    missing = [name for name, limit in vars(problem.limits).items() if limit is None and name != "clearance"]
+    missing = [kind.value for kind in CABLE_KINDS if not any(problem.cable_limit(kind, one) for one in problem.cables)]
     if missing:
         names = ", ".join(name.replace("_", " ") for name in missing)
         reasons.append({"what": f"limits on {names}", "why": "they are not given"})
     return reasons
-
-
-# --- what is suspicious ---
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """What can be but is hardly meant.
-
-    Args:
-        words: a line that begins with the key.
-        part: the part that is to be looked at, or None.
-        clamp: cable and side of the clamp that is to be looked at, or None.
-    """
-
-    words: str
-    part: str | None = None
-    clamp: tuple[str, str] | None = None
-
-
-def suspects(problem: Problem, scene: Scene) -> list[Suspect]:
-    """Return clamps that stand in a part that does not hold them, and those that point into a wall."""
-    return [
-        found
-        for name, run in problem.cables.items()
-        for side, end in run.clamps.items()
-        for part in scene.parts.values()
-        if (found := _suspect(problem, (name, side), end, part)) is not None
-    ]
-
-
-def _suspect(problem: Problem, clamp: tuple[str, str], end: End, part: Geometry) -> Suspect | None:
-    """Return what is odd about a clamp and a part at both ends and in the middle of the motion."""
-    name, side = clamp
-    moments, radius = np.array([0.0, 0.5, 1.0]), problem.cables[name].cable.radius
-    position = _path(problem, end, moments)
-    if position is None or not part.closed:
-        return None
-    where = f"clips.{side}" if isinstance(end, Clip) else side
-    key, limit = f"cables.{name}.{where}", problem.clearance_limit(part.name)
-    origin, turn = problem.poses(part.body, moments)
-    home = rotations.conjugate(turn)
-    depth = -part.signed_distance(rotations.rotate(home, position - origin))[0]
-    holds = end.body == part.body if end.holders is None else part.name in end.holders
-    if not holds:
-        k = int(np.argmax(depth))
-        at = Moments.of(problem).words(float(moments[k]))
-        words = f"{key}.position: found {1e3 * depth[k]:.3g} mm deep in {part.name}, which does not hold it, at {at}"
-        return Suspect(words, part.name, clamp) if depth[k] > 0 else None
-    if end.frame is None or isinstance(end, Clip):  # which the cable leaves both ways
-        return None
-    quaternion = problem.poses(end.body, moments[:1])[1][0]
-    out = rotations.rotate(quaternion, rotations.tangent(np.asarray(end.frame))) * (1.0 if side == "start" else -1.0)
-    reach = let_off_length(end, radius, limit)
-    ahead, behind = (position[0] + sign * reach * out - origin[0] for sign in (1.0, -1.0))
-    inside = part.signed_distance(rotations.rotate(home[0], np.stack([ahead, behind])))[0] < 0
-    if not inside[0]:
-        return None
-    turned = "; the other way it would come out, so it may be turned round" if not inside[1] else ""
-    words = f"{key}.tangent: found the cable {1e3 * reach:.3g} mm on still inside {part.name}, which holds it{turned}"
-    return Suspect(words, part.name, clamp)
 
 
 # --- words ---------------------------------------------------------------------------------------------
@@ -300,7 +238,9 @@ def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
         yield f"Cable {name}: {size}; {held}{turns}."
         flat = f", ky/kx = {cable['ky_over_kx']:.4g}" if cable["ky_over_kx"] != 1 else ""
         weight = f"weighs {1e3 * cable['mass']:.4g} g, w L^3/B = {cable['weight_number']:.4g}"
-        yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}"
+        number = cable["weight_number"]
+        what = next(words for below, words in WEIGHTS if number < below)
+        yield f"  {weight}, kz/kx = {cable['kz_over_kx']:.4g}{flat}: {what}"
         if cable["clamp_twist"] is not None:
             degrees = math.degrees(cable["clamp_twist"])
             where = "at the start" if cable["fitted_at"] is None else f"where fitted, at {cable['fitted_where']}"
@@ -371,6 +311,8 @@ def _part_lines(content: Mapping[str, Any]) -> Iterator[str]:
 def _limit_lines(content: Mapping[str, Any]) -> Iterator[str]:
     kinds = [(LimitKind(name), limit) for name, limit in content["limits"].items()]
     limits = [f"{kind.words} {limit * kind.from_si * kind.unit.factor:.6g} {kind.unit.name}" for kind, limit in kinds]
+    own = {name: cable["bend_radius"] for name, cable in content["cables"].items() if cable["bend_radius"] is not None}
+    limits += [f"bend radius of {name} {_mm(radius)} mm" for name, radius in own.items()]
     if limits:
         yield f"Limits: {', '.join(limits)}."
     if content["design"]:

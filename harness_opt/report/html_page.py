@@ -24,7 +24,7 @@ from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import Summary, path_entry
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.files.write import problem_text
-from harness_opt.model.problem import Moments, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_at_a_time
@@ -137,7 +137,7 @@ def _stage(
         "scales": {mode: dataclasses.asdict(key) for mode, key in colours.keys(results).items()},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "path": path_entry(Moments.of(motion.problem)),
+        "path": path_entry(motion.problem.moments),
         "worst": worst[0],
         "begin": worst[0],
     }
@@ -273,7 +273,8 @@ def _scene_notes(data: Json) -> list[str]:
             notes.append(f"{which}{len(entry['frames'])} of the {entry['solved']} solved frames are drawn here.")
     coarse = [part["name"] for part in data["parts"] if part["triangles"] < 0.9 * part["triangles_of"]]
     if coarse:
-        notes.append(f"Drawn with fewer triangles than were measured against: {', '.join(coarse)}.")
+        which = ", ".join(coarse) if len(coarse) <= NAMES_TOLD else f"{len(coarse)} of the parts"
+        notes.append(f"Drawn with fewer triangles than were measured against: {which}.")
     return notes
 
 
@@ -376,7 +377,7 @@ def _picture(motion: Motion) -> str:
         for number, at in enumerate(flat)
         for k, frame in enumerate(frames)
     ]
-    told = escape(f"from {Moments.of(motion.problem).words(0.0)} to {Moments.of(motion.problem).words(1.0)}")
+    told = escape(f"from {motion.problem.moments.words(0.0)} to {motion.problem.moments.words(1.0)}")
     return f"<br><svg width='{SMALL[0]}' height='{SMALL[1]}' role='img'><title>{told}</title>{''.join(lines)}</svg>"
 
 

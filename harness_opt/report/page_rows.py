@@ -92,7 +92,7 @@ def _limit_cells(row: LimitEntry, moments: Moments) -> Json:
     words, against = KIND_OF_KEY[row["name"]].words, tables.against(row)
     at = "never near"
     if row["worst"] is not None:
-        at = f"{moments.words(row['motion'])}, {1e3 * row['arc_length']:.0f} mm along"
+        at = f"{moments.words(row['motion'])},\n{1e3 * row['arc_length']:.0f} mm along"
     return {
         "label": words,
         "group": against or words,

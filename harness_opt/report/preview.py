@@ -14,15 +14,15 @@ from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Hinge
 from harness_opt.model.cable import End
 from harness_opt.model.plausibility import doubts, part_doubts
-from harness_opt.model.problem import Moments, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene
 from harness_opt.report import colours, viewpoint
-from harness_opt.report.description import suspects
 from harness_opt.report.html_page import MOST_NAMES, page, texts_of
 from harness_opt.report.page_rows import input_tables
 from harness_opt.report.scene_data import looked, outlines_of, pack, part_data
+from harness_opt.report.suspects import suspects
 
 Json = dict[str, Any]
 
@@ -108,7 +108,7 @@ def _data(problem: Problem, scene: Scene, odd_parts: set[str | None], odd_clamps
         "scales": {},
         "ramp": colours.RAMP,
         "palette": {"states": [None, colours.SHORT, colours.TOUCHES], "axes": colours.AXES, "sleeve": colours.SLEEVE},
-        "path": path_entry(Moments.of(problem)),
+        "path": path_entry(problem.moments),
         "worst": 0.0,
         "begin": 0.0,
         "rows": [],

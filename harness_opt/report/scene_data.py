@@ -27,7 +27,7 @@ from harness_opt.report import viewpoint
 Json = dict[str, Any]
 
 MOST_STATIONS = 120_000  # of all cables in all frames: 3.5 MB of a page
-MOST_TRIANGLES = 20_000  # of all parts: a quarter of a megabyte of a page
+MOST_TRIANGLES = 15_000  # of all parts: a fifth of a megabyte of a page
 MOST_SHORT = 65_536  # vertices that numbers of 16 bits count
 EXTREMES = (0.0, 1.0)  # moments of the motion that are drawn faintly
 
@@ -80,9 +80,9 @@ def _cable(motion: Motion, scene: Scene, measured: ClearanceResult, name: str, k
         "radius": cable.radius,
         "stations": len(shapes.s),
         "position": pack(shapes.position[kept], np.float32),
-        "curvature": pack(bending(shapes)[kept], np.float32),
-        "twist": pack(np.degrees(np.abs(shapes.curvature[kept, :, 2])), np.float32),
-        "clearance": pack(nearest, np.float32),
+        "curvature": scaled(bending(shapes)[kept]),
+        "twist": scaled(np.degrees(np.abs(shapes.curvature[kept, :, 2]))),
+        "clearance": scaled(np.minimum(nearest, far)),
         "state": pack(state, np.uint8),
         "clamped": clamped,
         "clamps": pack(shapes.quaternion[kept][:, clamped], np.float32),
@@ -157,6 +157,13 @@ def part_data(problem: Problem, scene: Scene) -> list[Json]:
             }
         )
     return rows
+
+
+def scaled(values: Array) -> Json:
+    """Return ``values`` in steps of a 65,535th of their range, which no colour and no label shows: half the room."""
+    low = float(np.min(values))
+    step = (float(np.max(values)) - low) / (MOST_SHORT - 1) or 1.0
+    return {"low": low, "step": step, "steps": pack(np.rint((values - low) / step), np.uint16)}
 
 
 def pack(values: NDArray[Any], kind: Any) -> str:

@@ -34,11 +34,11 @@ from harness_opt.files.summary import (
 )
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.plausibility import doubts
-from harness_opt.model.problem import Moments, Problem
+from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion, Snap
 from harness_opt.numerics.rotations import Array
 from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
-from harness_opt.report.redesign_summary import redesign_summary
+from harness_opt.report.redesign_words import redesign_summary
 
 if TYPE_CHECKING:
     from harness_opt.design.result import Redesign
@@ -105,7 +105,7 @@ def summary(
         "reason": result.status.name.lower(),
         "message": result.message,
         "frames": len(motion.motion),
-        "path": path_entry(Moments.of(motion.problem)),
+        "path": path_entry(motion.problem.moments),
         "limits": [_limit(row, measured) for row in rows],
         "clearances": [_pair(pair) for pair in measured.pairs],
         "open_meshes": sorted({pair.obstacle.name for pair in measured.pairs if not pair.closed}),

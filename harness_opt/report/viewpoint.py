@@ -24,6 +24,7 @@ DIRECTIONS = 128  # in which the farthest points are looked for
 MOMENTS = 8  # of a motion, at which moving parts are looked at
 POINTS_LOOKED_AT = 20  # of a cable, for what hides it
 LEAST_STEP = 0.005  # extents of a part, between two points of a line of sight
+TINY = 1e-300  # in place of 0 in a direction, so that a line along a wall of a box is on one side of it
 
 
 def plane_normal(positions: Sequence[Array]) -> Array:
@@ -72,11 +73,11 @@ def clearest(motion: Motion, scene: Scene) -> tuple[Array, Array, Array]:
     that hide nothing is taken.
     """
     normal = plane_normal([cable.position for cable in motion.cables.values()])
-    frames = {int(np.argmin(np.abs(motion.motion - at))) for at in HIDDEN_AT}
+    frames = sorted({int(np.argmin(np.abs(motion.motion - at))) for at in HIDDEN_AT})
     best, least = axes(normal, ASIDE, 1.0, False), math.inf
     for high, sign, aside in itertools.product((False, True), (1.0, -1.0), (ASIDE, -ASIDE)):
         view = axes(normal, aside, sign, high)
-        hidden = sum(_hidden(motion, frame, scene, view[2]) for frame in sorted(frames))
+        hidden = _hidden(motion, frames, scene, view[2])
         if hidden < least:
             best, least = view, hidden
         if not hidden:
@@ -84,26 +85,29 @@ def clearest(motion: Motion, scene: Scene) -> tuple[Array, Array, Array]:
     return best
 
 
-def _hidden(motion: Motion, frame: int, scene: Scene, back: Array) -> int:
-    """Return how many points of the cables parts hide from an eye far off along ``back`` (3,).
+def _hidden(motion: Motion, frames: Sequence[int], scene: Scene, back: Array) -> int:
+    """Return how many points of the cables, in all ``frames``, parts hide from an eye far off along ``back`` (3,).
 
-    A line of sight goes on by the distance to the part, which it cannot pass unseen (sphere tracing).
+    A line of sight goes on by the distance to the part, which it cannot pass unseen (sphere tracing), from where it
+    enters the part's box to where it leaves it (slabs).
     """
     every = [max(1, len(cable.s) // POINTS_LOOKED_AT) for cable in motion.cables.values()]
     cables = zip(motion.cables.values(), every, strict=True)
-    points = np.vstack([cable.position[frame, ::step] for cable, step in cables])
-    hidden = np.zeros(len(points), dtype=bool)
+    points = np.concatenate([cable.position[frames, ::step] for cable, step in cables], axis=1)  # (frames, k, 3)
+    hidden = np.zeros(points.shape[:2], dtype=bool)
     for part in scene.parts.values():
-        position, q = motion.problem.poses(part.body, motion.motion[frame])
-        home = rotations.conjugate(q[0])
-        at, way = rotations.rotate(home, points - position[0]), rotations.rotate(home, back)
-        extent = float(np.linalg.norm(part.upper - part.lower))
-        far = np.max(np.abs(at - 0.5 * (part.lower + part.upper)), axis=1) + extent
-        along = np.zeros(len(points))
-        while np.any(going := ~hidden & (along < far)):
-            distance = part.signed_distance(at[going] + along[going, None] * way)[0]
+        position, q = motion.problem.poses(part.body, motion.motion[frames])
+        home = rotations.conjugate(q)[:, None]
+        at, way = rotations.rotate(home, points - position[:, None]), rotations.rotate(home, back)
+        way = np.where(way == 0.0, TINY, way)
+        walls = np.stack([(part.lower - at) / way, (part.upper - at) / way])
+        along, leaves = np.maximum(0.0, walls.min(axis=0).max(axis=-1)), walls.max(axis=0).min(axis=-1)
+        least = LEAST_STEP * float(np.linalg.norm(part.upper - part.lower))
+        while np.any(going := ~hidden & (along <= leaves)):
+            ways = np.broadcast_to(way, at.shape)[going]
+            distance = part.signed_distance(at[going] + along[going, None] * ways)[0]
             hidden[going] |= distance < 0
-            along[going] += np.maximum(distance, LEAST_STEP * extent)
+            along[going] += np.maximum(distance, least)
     return int(np.sum(hidden))
 
 

@@ -15,7 +15,7 @@ from harness_opt.files.summary import (
     moments_of,
 )
 from harness_opt.model.limits import KIND_OF_KEY, spoken
-from harness_opt.model.problem import Moments
+from harness_opt.model.problem import SHARES, Moments
 from harness_opt.report.redesign_words import changes, redesign_words
 
 ANSWERS = {"yes": "OK", "no": "VIOLATED", "uncertain": "UNCERTAIN"}
@@ -26,13 +26,10 @@ NARROWEST = 6  # characters to which a column is cut, if need be
 LEFT = {0, 1, 2, 6, 10}  # columns set to the left, the others to the right
 SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
 NAMES = (2, 1)  # columns that may be cut, in this order
-NO_MOMENTS = Moments((), 0.0)
 LARGE = 1e5  # from which numbers are rounded to two digits: a straight cable's bend radius
 
 
-def table(
-    limits: Sequence[LimitEntry], moments: Moments = NO_MOMENTS, before: Sequence[LimitEntry] | None = None
-) -> str:
+def table(limits: Sequence[LimitEntry], moments: Moments = SHARES, before: Sequence[LimitEntry] | None = None) -> str:
     """Return the limits of a summary as a table of at most 80 columns; nothing where there are none.
 
     Args:
@@ -221,7 +218,7 @@ def _certainty(summary: Summary) -> Iterable[str]:
     if sure and summary["frames"] > 1:
         added = f"; {between} more {'frame was' if between == 1 else 'frames were'} solved for that" if between else ""
         which = "Clearances" if len(sure) == len(rows) else "The other clearances"
-        yield f"{which} hold between the frames too, to {1e3 * max(sure):.2g} mm{added}."
+        yield f"{which} are known between the frames too, to {1e3 * max(sure):.2g} mm{added}."
     for row in summary["limits"]:
         if doubt(row):
             yield f"Not certain: {limit_words(row)}: {doubt(row)}."

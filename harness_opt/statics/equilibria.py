@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.cable import Cable, CableRun, End
-from harness_opt.model.checks import check_method
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.boundary import HELD, Case
+from harness_opt.rod.methods import check_method
 from harness_opt.statics.cold_start import from_curve, lost_turns, whole_turns, wound_curve
 from harness_opt.statics.equilibrium import SHAPE_TOLERANCE, Shape, refined_shape
 from harness_opt.statics.fitting import posed_run

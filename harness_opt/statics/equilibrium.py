@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import SolveError, Status
 from harness_opt.model import checks
 from harness_opt.model.cable import Cable, CableRun, End
-from harness_opt.model.checks import check_method
 from harness_opt.model.results import STATIONS, Quantities
 from harness_opt.numerics.interface import Solution
 from harness_opt.numerics.rotations import Array
@@ -19,6 +18,7 @@ from harness_opt.numerics.threads import one_thread
 from harness_opt.rod import equations as rod_module
 from harness_opt.rod.boundary import Kind
 from harness_opt.rod.equations import Section, Units
+from harness_opt.rod.methods import check_method
 from harness_opt.rod.stability import stability
 from harness_opt.rod.states import Rod
 from harness_opt.statics.fitting import PosedRun, posed_run

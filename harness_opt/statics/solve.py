@@ -20,7 +20,7 @@ from harness_opt.rod.boundary import CLAMPED, HELD, Case, relative_matrix
 from harness_opt.rod.collocation import BoundCollocation, collocation, pack, stations
 from harness_opt.rod.states import Defects, Rod
 
-SOLVER_OF: dict[str, Solver] = {  # by name, one for each of model.checks.SOLVERS
+SOLVER_OF: dict[str, Solver] = {  # by name, one for each of rod.methods.SOLVERS
     "gauss-newton": gauss_newton.solve,
     "levenberg-marquardt": levenberg_marquardt.solve,
     "ipopt": ipopt.solve,

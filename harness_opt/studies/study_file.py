@@ -94,7 +94,11 @@ def read_study(path: str | os.PathLike[str], folders: Iterable[str | os.PathLike
         ProblemError: one line a mistake, as of a problem file.
     """
     file = Path(path)
-    tables, _, wrong = structured(toml_tables(content_of(file, "a study file"), file), StudyTable)
+    raw = toml_tables(content_of(file, "a study file"), file)
+    if "cables" in raw and "problem" not in raw:
+        words = f"found a problem file, expected a study; a problem is run by: harness-opt simulate {file}"
+        raise ProblemError(f"{file}: {words}")
+    tables, _, wrong = structured(raw, StudyTable)
     mistakes = [f"{dotted(path)}: {words}" for path, words in wrong]
     if tables is not None:
         places = Places.around(file.parent, folders)

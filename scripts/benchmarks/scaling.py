@@ -238,7 +238,10 @@ def processes(repeats: int) -> list[Row]:
     solver = run(rooms)
     return [
         {"what": name, "with": run(f"{rooms}, {room}"), "without": solver, "of": "a process's imports"}
-        for name, room in (("meshes (coal, trimesh)", "coal, trimesh"), ("pictures (pyvista)", "pyvista"))
+        for name, room in (
+            ("distances to meshes (coal)", "coal"), ("meshes as text, OBJ, PLY (trimesh)", "trimesh"),
+            ("pictures (pyvista)", "pyvista"),
+        )
     ]  # fmt: skip
 
 

@@ -49,7 +49,7 @@ def test_what_nobody_foresaw_is_70_and_one_line(here, capsys, monkeypatch, comma
 
 
 def test_the_line_says_where(here, capsys, monkeypatch):
-    monkeypatch.setattr("harness_opt.files.read.file_schema.structured", failing(KeyError("spam")))
+    monkeypatch.setattr("harness_opt.files.read.structured", failing(KeyError("spam")))
     assert main(["check", put(FLAP)]) == 70
     assert "(KeyError: 'spam', files/read.py:" in capsys.readouterr().err
 
@@ -127,8 +127,8 @@ def test_ctrl_c_is_heard_while_libraries_are_imported(here, module):
     )
     import trimesh
 
-    trimesh.creation.box((20, 20, 20)).export("ball.stl")
-    put(FLAP.replace("sphere = { radius = 0.02 }", 'mesh = "ball.stl"\nmesh_unit = "mm"'))
+    trimesh.creation.box((20, 20, 20)).export("ball.obj")
+    put(FLAP.replace("sphere = { radius = 0.02 }", 'mesh = "ball.obj"\nmesh_unit = "mm"'))
     environ = environment()
     environ["PYTHONPATH"] = os.pathsep.join([str(hook.resolve()), environ["PYTHONPATH"]])
     done = subprocess.run(

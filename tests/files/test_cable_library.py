@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import harness_opt as ho
+from harness_opt.clearance.limits import all_limits
 from harness_opt.cli.commands import main
 from harness_opt.errors import ProblemError
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.read import read_problem, toml_tables
+from harness_opt.model.limit_keys import limit_keys
+from harness_opt.report.redesign_words import redesign_words
+from harness_opt.report.summary import summary
 from oracles.flap import FLAP, HIT, put
 
 GIVEN = "diameter = 0.005\nbending_stiffness = 2e-3\ntorsional_stiffness = 1.5e-3\nmass_per_length = 0.05\n"
@@ -48,6 +53,9 @@ def test_a_factor_needs_no_library(here):
     problem = read_problem(put(FLAP.replace("bend_radius = 0.01", "bend_radius_factor = 3")))
     assert problem.limits.bend_radius == pytest.approx(0.015)
 
+
+THIN = "[cables.thin]\nbend_radius = 0.004\n"
+OWN = "[cables.lead]\nbend_radius = 0.067\n"
 
 WRONG = [
     (
@@ -108,12 +116,59 @@ def test_factors_that_cannot_be(here, limits, words):
     assert any(f"limits.bend_radius_factor: {words}" in line for line in error.value.mistakes)
 
 
-def test_one_radius_for_cables_of_several_diameters_is_refused(here):
+def two_thicknesses(limit: str) -> str:
+    """Return a problem of a cable of 5 mm and one of 2 mm."""
     second = FLAP[FLAP.index("[cables.lead]") : FLAP.index("[bodies.flap.motion]")].replace("lead", "thin")
     second = second.replace("diameter = 0.005", "diameter = 0.002")
-    text = FLAP.replace("bend_radius = 0.01", "bend_radius_factor = 3") + second
-    with pytest.raises(ProblemError, match=r"found several radii \(lead 15 mm, thin 6 mm\), expected one for all"):
-        read_problem(put(text))
+    return FLAP.replace("bend_radius = 0.01", limit).replace("clearance = 0.002\n", "") + second
+
+
+def test_cables_of_several_diameters_have_a_limit_each(here):
+    problem = read_problem(put(two_thicknesses("bend_radius_factor = 3")))
+    radii = {"lead": 0.015, "thin": 0.006}
+    assert {name: run.bend_radius for name, run in problem.cables.items()} == pytest.approx(radii)
+    assert problem.limits.bend_radius is None
+    again = read_problem(ho.write_problem(problem, "again.toml"))
+    assert again.cables == problem.cables and again.limits == problem.limits
+    motion = ho.simulate(problem)
+    rows = {row.cable: row for row in all_limits(problem, motion, ho.clearances(motion)) if row.name == "bend_radius"}
+    for name, radius in radii.items():
+        sharpest = 1.0 / np.linalg.norm(motion.cables[name].curvature[..., :2], axis=-1).max()
+        assert rows[name].limit == pytest.approx(radius)
+        assert rows[name].margin == pytest.approx(sharpest - radius, abs=2e-3 * sharpest)
+    keys = {key.name: key for key in limit_keys(problem)}
+    assert keys["cables.thin.bend_radius"].replaced(problem, 0.004).cables["thin"].bend_radius == 0.004
+
+
+def test_a_cable_s_own_limit_counts_before_the_general_one(here):
+    problem = read_problem(put(two_thicknesses("bend_radius = 0.015").replace("[cables.thin]\n", THIN)))
+    sets = {key.name: {limit.cable for limit in key.sets} for key in limit_keys(problem) if "bend" in key.name}
+    assert sets == {"limits.bend_radius": {"lead"}, "cables.thin.bend_radius": {"thin"}}
+    with pytest.raises(ProblemError, match=r"cables.thin.bend_radius: found 0.0004, expected at least 0.001, half"):
+        read_problem(put(two_thicknesses("").replace("[cables.thin]\n", THIN.replace("0.004", "0.0004"))))
+    with pytest.raises(ProblemError, match=r"limits.bend_radius_factor: found cables.thin.bend_radius as well"):
+        read_problem(put(two_thicknesses("bend_radius_factor = 3").replace("[cables.thin]\n", THIN)))
+
+
+def test_a_redesign_is_the_same_for_a_cable_s_own_limit(here):
+    general = read_problem(put(HIT.replace("bend_radius = 0.01", "bend_radius = 0.067")))
+    own = read_problem(put(HIT.replace("bend_radius = 0.01\n", "").replace("[cables.lead]\n", OWN)))
+    found, same = ho.redesign(general), ho.redesign(own)
+    assert found.feasible and same.feasible
+    assert found.variables == same.variables
+    assert [price.key for price in found.prices] == ["limits.bend_radius"]
+    assert [(price.key, price.saves) for price in same.prices] == [("cables.lead.bend_radius", found.prices[0].saves)]
+    assert "less bend radius of lead would save" in " ".join(redesign_words(summary(same)))
+
+
+def test_results_do_not_take_the_place_of_a_library(here, capsys):
+    Path("mine").mkdir()
+    assert main(["simulate", put(FLAP), "-q", "-o", "mine"]) == 0
+    file = put(using(FLAP, 'from = "mine/my_cables.toml#power"\n'))
+    Path("my_cables.toml").rename("mine/my_cables.toml")
+    assert main(["simulate", file, "-q", "-o", "mine"]) == 2
+    assert "my_cables.toml in it, which this problem needs" in capsys.readouterr().err
+    assert Path("mine/my_cables.toml").read_text() == LIBRARY
 
 
 def test_a_redesign_and_a_study_know_the_library(here, capsys):

@@ -227,6 +227,18 @@ def test_schema_refuses_what_is_wrong(validator: jsonschema.Draft202012Validator
     assert not validator.is_valid(tomllib.loads(changed((old, new))))
 
 
+def test_schema_lets_a_cable_of_a_library_leave_out_what_that_says(validator: jsonschema.Draft202012Validator) -> None:
+    tables = tomllib.loads(CONTRACT)
+    cable = tables["cables"]["lead"]
+    for key in ("diameter", "bending_stiffness", "torsional_stiffness", "density"):
+        del cable[key]
+    assert not validator.is_valid(tables)
+    cable["from"] = "my_cables.toml#power"
+    assert validator.is_valid(tables)
+    del cable["length"]
+    assert not validator.is_valid(tables), "no library says how long it is here"
+
+
 def test_schema_describes_every_key() -> None:
     generated = schema()
     assert generated["$schema"] == "https://json-schema.org/draft/2020-12/schema"

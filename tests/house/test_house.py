@@ -108,6 +108,12 @@ def test_light_commands_import_nothing_heavy(arguments):
     assert not found & HEAVY
 
 
+def test_a_check_of_a_scene_with_binary_meshes_imports_no_reader_of_others():
+    found = imported("-m", "harness_opt", "check", str(ROOT / "problems" / "lift_arm" / "lift_arm.toml"))
+    assert "harness_opt" in found
+    assert not found & {"trimesh", "casadi", "pyvista", "vtkmodules"}
+
+
 # --- public names ---------------------------------------------------------------------------------------
 
 

@@ -10,7 +10,6 @@ import pytest
 import harness_opt as ho
 from harness_opt.files.summary import moments_of, path_entry
 from harness_opt.model.courses import polyline
-from harness_opt.model.problem import Moments
 from oracles.chains import random_course
 from oracles.problems import shipped
 
@@ -111,7 +110,7 @@ def test_straight_lines_between_what_is_told_are_close(rng):
 
 def test_moments_of_moves_are_told_in_degrees():
     bodies = {"lid": ho.Body(ho.Hinge((0, 0, 0), (0, 1, 0), follows=OUT_AND_BACK))}
-    found = Moments.of(shipped("lift_arm").changed(bodies=bodies, duration=4.0))
+    found = shipped("lift_arm").changed(bodies=bodies, duration=4.0).moments
     words = [found.words(at) for at in (0.0, 0.25, 0.6, 0.875, 1.0)]
     assert words == ["0.0 deg, 0.0 %", "30.0 deg, 25.0 %", "60.0 deg, 60.0 %", "30.0 deg, 87.5 %", "0.0 deg, 100.0 %"]
 
@@ -142,6 +141,6 @@ def test_what_is_hardly_meant():
 
 def test_a_summary_tells_moves_alone():
     body = ho.Body(ho.Hinge((0, 0, 0), (0, 1, 0), follows=OUT_AND_BACK))
-    moments = Moments.of(shipped("lift_arm").changed(bodies={"lid": body}, duration=4.0))
+    moments = shipped("lift_arm").changed(bodies={"lid": body}, duration=4.0).moments
     again = moments_of({"path": path_entry(moments)})
     assert [again.words(at) for at in (0.25, 0.6)] == ["30.0 deg, 25.0 %", "60.0 deg, 60.0 %"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ import pytest
 import harness_opt as ho
 from harness_opt.files.read import read_problem
 from oracles.flap import FLAP, put
+from oracles.in_python import mistakes_in_python
+from oracles.mistakes import BETWEEN, NUMBERS, STRUCTURE
+from oracles.problem_files import changed, mistakes, written
 from oracles.report_scene import flap
 
 LEAD = flap().cables["lead"]
@@ -64,6 +68,46 @@ def test_the_words_are_those_of_files(here, given, typed):
     with pytest.raises(ho.ProblemError) as of_python:
         flap(**given)
     assert set(of_python.value.mistakes) == {line.removeprefix("flap.toml: ") for line in of_file.value.mistakes}
+
+
+# what only a file can have: its format, keys by other names, and two words for one thing
+NO_CALL = ("unknown key", "found nothing", "no shape", "a table", "[lower, upper]", "one of 'hinge'")
+UNREAD = ("no such file", "an empty file", "null character")
+OF_FILES = ("schema", "density", "deg_per_m", "from_deg", "mass_per_length")
+
+
+@pytest.mark.parametrize(("old", "new"), dict.fromkeys((old, new) for old, new, _ in (*NUMBERS, *STRUCTURE, *BETWEEN)))
+def test_every_mistake_of_files_has_the_same_words_in_python(folder, old, new):
+    """The file's tables are given to Python as they are; what Python has no call for at all is left out."""
+    if any(key in old for key in OF_FILES) or ("mesh" in new and "sphere" in new):
+        pytest.skip("no such thing in Python")
+    text = changed((old, new))
+    of_file = {line.partition(" (paths start at")[0] for line in mistakes(written(folder, text))}
+    try:
+        of_python = mistakes_in_python(tomllib.loads(text))
+    except (TypeError, KeyError, ValueError):
+        assert any(word in " ".join(of_file) for word in NO_CALL)
+        return
+    if not of_python and any(word in " ".join(of_file) for word in UNREAD):
+        return  # files are looked at when they are read
+    assert of_python and set(of_python) <= of_file
+
+
+def test_files_that_are_not_there_are_named_when_they_are_read(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    motion = ho.simulate(flap(), frames=[0.0, 1.0])
+    for name, words in (("hosing.stl", "no such file (did you mean 'housing.stl'?)"), ("empty.stl", "an empty file")):
+        file = f"meshes/{name}"
+        problem = flap(parts={"ball": ho.Part(ho.MeshFile(file, "mm"))})
+        with pytest.raises(ho.ProblemError) as error:
+            ho.clearances(dataclasses.replace(motion, problem=problem))
+        assert error.value.mistakes == (f'parts.ball.mesh: found "{file}", {words}, expected a mesh',)
+
+
+def test_bounds_that_are_no_numbers_are_named():
+    for lower in ("0.2", None, float("nan"), True):
+        with pytest.raises(ho.ProblemError, match=r'design.variables."lead.length": found \[.*, 0.4\], expected \['):
+            flap(**varied(ho.Variable("lead.length", lower, 0.4)))  # type: ignore[arg-type]
 
 
 def test_every_mistake_at_once():

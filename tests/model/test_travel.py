@@ -19,7 +19,7 @@ TABLE = ho.Body(ho.Poses((2.0, 3.0, 6.0), ((0, 0, 0),) * 3, ((1, 0, 0, 0),) * 3)
 
 
 def moments(duration: float = 4.0, **bodies: ho.Body) -> Moments:
-    return Moments.of(shipped("lift_arm").changed(bodies=bodies, duration=duration))
+    return shipped("lift_arm").changed(bodies=bodies, duration=duration).moments
 
 
 @pytest.mark.parametrize(

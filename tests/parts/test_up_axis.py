@@ -111,7 +111,7 @@ def test_bad_axes(scene, mesh, words):
 
 def test_a_bad_axis_in_python(tmp_path):
     trimesh.creation.box().export(tmp_path / "b.stl")
-    with pytest.raises(ProblemError, match=r"parts\.part\.up: found 'x', expected one of 'y', 'z'"):
+    with pytest.raises(ProblemError, match=r"parts\.part\.up: found \"x\", expected one of 'y', 'z'"):
         load_scene(problem_with(Part(MeshFile(tmp_path / "b.stl", "m", up="x"))))
 
 

@@ -53,7 +53,9 @@ def folder(motion, tmp_path) -> Path:
 
 
 def test_an_unknown_export_is_refused(folder, tmp_path):
-    with pytest.raises(HarnessError, match="found an export to 'vrml', expected one of paraview, csv, gltf, stl, dxf"):
+    with pytest.raises(
+        HarnessError, match="found an export to 'vrml', expected one of paraview, csv, gltf, stl, dxf, step"
+    ):
         exports.export(folder, "vrml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

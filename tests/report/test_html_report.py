@@ -159,6 +159,29 @@ def test_the_scene_has_the_shapes_the_poses_and_the_closest_points(motion):
     assert list(act["bodies"]) == ["world"]
 
 
+def test_what_colours_is_told_in_steps_that_no_eye_sees(motion):
+    (cable,) = data_of(page_of(motion))["scenes"][0]["cables"]
+    shapes, told = motion.cables["lead"], {}
+    for name in ("curvature", "twist", "clearance"):
+        steps = unpacked(cable[name]["steps"], np.uint16).astype(float).reshape(shapes.curvature.shape[:2])
+        told[name] = cable[name]["low"] + cable[name]["step"] * steps
+    bending = np.linalg.norm(shapes.curvature[..., :2], axis=-1)
+    assert told["curvature"] == pytest.approx(bending, abs=1e-5 * np.ptp(bending))
+    twist = np.degrees(np.abs(shapes.curvature[..., 2]))
+    assert told["twist"] == pytest.approx(twist, abs=1e-5 * np.ptp(twist))
+    ball = np.linalg.norm(shapes.position - [0.08, 0, 0], axis=-1) - 0.02 - 0.0025
+    assert np.all(told["clearance"] <= ball + 1e-6) and np.all(told["clearance"] >= 0.004), "nothing breaks its limit"
+
+
+def test_a_page_of_a_hundred_frames_among_forty_parts_is_small(motion):
+    turns = np.arange(40) * 0.5
+    places = np.column_stack([0.2 + 0.3 * np.cos(turns), 0.3 * np.sin(turns), 0.4 + 0.01 * turns])
+    shapes = (ho.Sphere(0.01), ho.Box((0.02, 0.03, 0.04)), ho.Cylinder(0.01, 0.04), ho.Capsule(0.01, 0.03))
+    parts = {f"part {k} of the crowd": ho.Part(shapes[k % 4], position=tuple(at)) for k, at in enumerate(places)}
+    crowded = ho.simulate(flap(parts=parts), frames=np.linspace(0.0, 1.0, 100))
+    assert len(page_of(crowded).encode()) <= MEGABYTES
+
+
 def test_states_and_scales_follow_the_limits(design):
     before, after = data_of(page_of(design))["scenes"]
     assert before["title"] == "Before" and after["title"] == "After"

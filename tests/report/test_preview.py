@@ -16,8 +16,8 @@ from harness_opt.cli.commands import main
 from harness_opt.files.read import read_problem
 from harness_opt.model.plausibility import doubts
 from harness_opt.parts.scene import load_scene
-from harness_opt.report.description import suspects
 from harness_opt.report.preview import preview
+from harness_opt.report.suspects import suspects
 from oracles.browser import opened
 from oracles.flap import FLAP, put
 from oracles.problems import PROBLEMS

@@ -10,6 +10,8 @@ function ramp(stops, t) {
   return add(scale(rgb(one), 1 - share), rgb(other), share);
 }
 
+const inSteps = ({ low, step, steps }) => Float32Array.from(decode(steps, Uint16Array), (k) => low + step * k);
+
 /** One motion on the stage: its numbers decoded, and the buffers of its cables. */
 class SceneView {
   constructor(renderer, scene, colours) {
@@ -20,9 +22,9 @@ class SceneView {
       ...cable,
       colour: rgb(colours[k % colours.length]),
       position: decode(cable.position, Float32Array),
-      curvature: decode(cable.curvature, Float32Array),
-      twist: decode(cable.twist, Float32Array),
-      clearance: decode(cable.clearance, Float32Array),
+      curvature: inSteps(cable.curvature),
+      twist: inSteps(cable.twist),
+      clearance: inSteps(cable.clearance),
       state: decode(cable.state, Uint8Array),
       clamps: decode(cable.clamps, Float32Array),
     }));
