@@ -34,6 +34,7 @@ from harness_opt.statics.solve import Solved
 SPARE = 0.01  # of the distance of its clamps, by which a cable is longer than that: a straight one has no room to bend
 GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it
 HELD = 0.5 * GUARD  # a violation of what is asked for that leaves the limit itself held
+SEARCH_STRIDE = 2  # of the frames that a search solves
 SNAP_COST = 1.0  # of a snap, in scales of a limit: snaps are not for designing with
 
 
@@ -57,6 +58,10 @@ class Evaluated:
     clearances: ClearanceResult
     rates: Mapping[str, ShapeRates]
     rows: Rows
+
+    def without_shapes(self) -> Evaluated:
+        """Return the same without the solver's own objects: for keeping, and for other processes."""
+        return dataclasses.replace(self, sweeps={}, rates={})
 
     def predicted(self, name: str, values: Array) -> dict[int, Solved]:
         """Return the frames of cable ``name``, by index, moved to first order to the design ``values`` (k,)."""
@@ -165,18 +170,21 @@ class Evaluator:
             KeyboardInterrupt: raised by ``progress``.
         """
         self._count[0] += 1
+        near = None if self.cold or near is None or not near.sweeps else near
         indices = sorted({*range(0, len(self.frames), stride), len(self.frames) - 1})
         motion_values = self.frames[indices]
         try:
             changed = design_variables.apply(self.problem, values)
             sweeps = {}
+            # beside shapes all along the motion that never snap, what cannot go on from them does: that costs most
+            snaps = near is None or self.problem.design.snaps or near.motion.snaps or not {*indices} <= {*near.indices}
             for name in changed.cables:
-                close = near.predicted(name, values) if near and not self.cold else {}
+                close = near.predicted(name, values) if near else {}
                 guesses = [close.get(index) for index in indices]
-                fitted = near.sweeps[name].fitted if close and near else None
+                fitted = near.sweeps[name].fitted if near else None
                 sweeps[name] = sweep(
                     changed, name, motion_values, solver=self.solver, guesses=guesses, near=fitted,
-                    rigour="quick look" if quick else "stable", progress=self.progress,
+                    rigour="quick look" if quick else "stable", recovers=bool(snaps), progress=self.progress,
                 )  # fmt: skip
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
