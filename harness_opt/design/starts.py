@@ -157,14 +157,20 @@ def looks(
     places = lower + spread(number * count, count, len(lower), evaluate.problem.design.seed) * (upper - lower)
     if beside is not None:
         places = places[[objective.could_beat(beside, place) for place in places]]
+    places = places[np.argsort([objective.preference(place) for place in places], kind="stable")]
     found: list[Evaluated] = []
-    for place in places[np.argsort([objective.preference(place) for place in places], kind="stable")]:
-        near = None if beside is None else nearest(objective, place, [*known, *found])
+    if beside is None:
+        for look in evaluate.looks(places, coarse_stride(evaluate)):
+            if look is not None:
+                found.append(look)
+                if objective.held(look):  # then those are looked at that could be better
+                    break
+        return found
+    for place in places:
+        near = nearest(objective, place, [*known, *found])
         look = evaluate(place, near, stride=coarse_stride(evaluate), quick=True)
         if look is not None:
             found.append(look)
-            if beside is None and objective.held(look):  # then those are looked at that could be better
-                break
     return found
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
 import shutil
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
-from harness_opt.design import starts
+from harness_opt.design import evaluation, starts
 from harness_opt.design.evaluation import GUARD, Evaluator
 from harness_opt.design.objective import objective_of
 from harness_opt.design.verification import rounded
@@ -106,6 +108,41 @@ def test_a_look_from_known_shapes_sees_what_one_from_nothing_does():
     warm, cold = (evaluate(place, known, quick=True).rows.margin for known in (near, None))
     assert warm == pytest.approx(cold, abs=1e-6)
     assert starts.nearest(objective, np.array([-0.06, 0.06]), [drawn, aside, far]) is None
+
+
+def seen(problem: ho.Problem, executor: Executor | None) -> tuple[list[np.ndarray], int]:
+    evaluate = Evaluator(problem, load_scene(problem), "gauss-newton", None, executor)
+    lower, upper = design_variables.bounds(problem)
+    places = lower + starts.spread(0, 10, 2, 1) * (upper - lower)
+    return [np.append(one.values, one.rows.margin) for one in evaluate.looks(places, 2) if one], evaluate.count
+
+
+def test_other_processes_see_the_same(monkeypatch):
+    alone = seen(case("slot2"), None)
+    monkeypatch.setattr(evaluation, "STARTING", 0.0)
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as processes:
+        helped = seen(case("slot2"), processes)
+        broken = Broken(processes)
+        left_alone = seen(case("slot2"), broken)
+    assert broken.asked > 2
+    for margins, count in (helped, left_alone):
+        assert count == alone[1] == 10
+        assert all(np.array_equal(one, other) for one, other in zip(margins, alone[0], strict=True))
+
+
+class Broken(Executor):
+    """Loses its processes after two tasks."""
+
+    def __init__(self, processes: Executor):
+        self._processes, self.asked = processes, 0
+
+    def submit(self, *task):
+        self.asked += 1
+        if self.asked > 2:
+            lost = Future()
+            lost.set_exception(BrokenExecutor("gone"))
+            return lost
+        return self._processes.submit(*task)
 
 
 def test_of_two_slots_the_nearer_one_is_taken():
