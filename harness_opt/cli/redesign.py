@@ -12,6 +12,7 @@ from harness_opt.design import redesign as robust_loop
 from harness_opt.design.trade_off import quantities
 from harness_opt.errors import Status
 from harness_opt.files.result_folder import ASIDE, SUMMARY, read_summary
+from harness_opt.studies.workers import Pool, cores
 
 if TYPE_CHECKING:
     from harness_opt.cli.progress import Shown
@@ -41,14 +42,20 @@ def redesigned(problem: Problem, progress: Shown, folder: Path, pareto: str | No
     done = 0 if earlier is None else len(earlier.history)
     if earlier is not None:
         progress.line(f"Going on from the redesign interrupted in {folder}, after {done} iterations.")
-    result = robust_loop.redesign(
-        problem,
-        progress=progress.designs(),
-        watch=Follower(progress.line, done),
-        earlier=earlier,
-        pareto=pair,
-        throw=False,
-    )
+    pool = Pool(None) if cores() > 1 else None  # its processes start when they are given something
+    try:
+        result = robust_loop.redesign(
+            problem,
+            progress=progress.designs(),
+            watch=Follower(progress.line, done),
+            earlier=earlier,
+            pareto=pair,
+            executor=pool.executor if pool else None,
+            throw=False,
+        )
+    finally:
+        if pool:
+            pool.close()
     if result.robust is not None and result.status.ok:
         from harness_opt.studies.yields import with_yields
 

@@ -5,8 +5,12 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
+import itertools
+import pickle
+import time
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +32,15 @@ from harness_opt.motion.shape_rates import ShapeRates, clamps_of_spans, shape_ra
 from harness_opt.motion.simulate import collect
 from harness_opt.motion.sweep import Sweep, followed, in_turn, sweep
 from harness_opt.numerics.rotations import Array
-from harness_opt.parts.scene import Scene
+from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.statics.solve import Solved
 
 SPARE = 0.01  # of the distance of its clamps, by which a cable is longer than that: a straight one has no room to bend
 GUARD = 0.002  # asked for beyond each limit, in its own scale, so that a finer simulation still holds it
 HELD = 0.5 * GUARD  # a violation of what is asked for that leaves the limit itself held
+SEARCH_STRIDE = 2  # of the frames that a search solves
+ALONE = 4  # looks, by which it is known what others will take
+STARTING = 3.0  # s, that looks must take for other processes to help: to start takes each of them 1.5 s
 SNAP_COST = 1.0  # of a snap, in scales of a limit: snaps are not for designing with
 
 
@@ -57,6 +64,10 @@ class Evaluated:
     clearances: ClearanceResult
     rates: Mapping[str, ShapeRates]
     rows: Rows
+
+    def without_shapes(self) -> Evaluated:
+        """Return the same without the solver's own objects, which no other process can be sent."""
+        return dataclasses.replace(self, sweeps={}, rates={})
 
     def predicted(self, name: str, values: Array) -> dict[int, Solved]:
         """Return the frames of span ``name``, by index, moved to first order to the design ``values`` (k,)."""
@@ -100,14 +111,18 @@ class Evaluator:
         scene: its parts.
         solver: name.
         progress: called for every frame.
+        executor: of processes that may help with looks.
     """
 
-    def __init__(self, problem: Problem, scene: Scene, solver: str, progress: Progress | None):
+    def __init__(
+        self, problem: Problem, scene: Scene, solver: str, progress: Progress | None, executor: Executor | None = None
+    ):
         self.problem, self.scene, self.solver, self.progress = problem, scene, solver, progress
         self.frames = place_frames(problem)
         # asked for beyond each limit, in its scale; verifications add to it
         self.asked: defaultdict[LimitId, float] = defaultdict(lambda: GUARD)
         self.spare = {name: self._spare(name) for name in spans_of(problem)}
+        self._executor, self._helped = executor, False
         self._count = [0]  # shared by all that report for this one
         self._as_reported = False
         self._past_sides = True
@@ -166,16 +181,20 @@ class Evaluator:
             KeyboardInterrupt: raised by ``progress``.
         """
         self._count[0] += 1
+        near = None if self.cold or near is None or not near.sweeps else near
         indices = sorted({*range(0, len(self.frames), stride), len(self.frames) - 1})
         motion_values = self.frames[indices]
 
+        # beside shapes all along the motion that never snap, what cannot go on from them does: that costs most
+        snaps = near is None or self.problem.design.snaps or near.motion.snaps or not {*indices} <= {*near.indices}
+
         def follow(apart: Problem, name: str) -> Sweep:
-            close = near.predicted(name, values) if near and not self.cold else {}
+            close = near.predicted(name, values) if near else {}
             guesses = [close.get(index) for index in indices]
-            fitted = near.sweeps[name].fitted if close and near else None
+            fitted = near.sweeps[name].fitted if near else None
             return sweep(
                 apart, name, motion_values, solver=self.solver, guesses=guesses, near=fitted,
-                rigour="quick look" if quick else "stable", progress=self.progress,
+                rigour="quick look" if quick else "stable", recovers=bool(snaps), progress=self.progress,
             )  # fmt: skip
 
         try:
@@ -206,3 +225,46 @@ class Evaluator:
         rows = Rows.joined([rows, *reach])
         motion, clearances = joined(changed, motion), of_whole_cables(changed, clearances)
         return Evaluated(values, indices, sweeps, motion, clearances, rates, rows)
+
+    def looks(self, places: Array, stride: int) -> Iterator[Evaluated | None]:
+        """Yield a quick look at each of ``places`` (n, k), in order and from nothing; what it yields has no shapes.
+
+        Other processes help where there are any and it pays; what they find is the same.
+        """
+        begin = time.perf_counter()
+        for number, place in enumerate(places):
+            left = (time.perf_counter() - begin) / max(number, 1) * (len(places) - number)
+            if self._executor is not None and (self._helped or (number >= ALONE and left > STARTING)):
+                yield from self._helped_looks(self._executor, places[number:], stride)
+                return
+            look = self(place, None, stride=stride, quick=True)
+            yield None if look is None else look.without_shapes()
+
+    def _helped_looks(self, executor: Executor, places: Array, stride: int) -> Iterator[Evaluated | None]:
+        self._helped = True
+        asked = pickle.dumps((self.problem, self.solver, dict(self.asked)))
+        done = 0
+        try:
+            for look in executor.map(_look, itertools.repeat(asked), places, itertools.repeat(stride)):
+                self._count[0] += 1
+                if self.progress:
+                    self.progress(next(iter(self.problem.cables)), 1, 1)
+                done += 1
+                yield look
+        except BrokenExecutor:  # a process was killed: the rest is done here
+            self._executor = None
+            yield from self.looks(places[done:], stride)
+
+
+@functools.lru_cache(maxsize=1)
+def _evaluator(asked: bytes) -> Evaluator:
+    """Return the evaluator of another process: of a problem, by a solver, for what is asked of each limit."""
+    problem, solver, limits = pickle.loads(asked)
+    evaluate = Evaluator(problem, load_scene(problem), solver, None)
+    evaluate.asked.update(limits)
+    return evaluate
+
+
+def _look(asked: bytes, place: Array, stride: int) -> Evaluated | None:
+    """Return a quick look at ``place`` (k,), in another process."""
+    return next(_evaluator(asked).looks(place[None], stride))

@@ -18,9 +18,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harness_opt.design.evaluation import HELD, Evaluated, Evaluator
+from harness_opt.design.evaluation import HELD, SEARCH_STRIDE, Evaluated, Evaluator
 from harness_opt.design.objective import Beyond, Objective
-from harness_opt.design.search import SEARCH_STRIDE
 from harness_opt.design.sqp import Note, descend
 from harness_opt.design.verification import verify
 from harness_opt.model import design_variables

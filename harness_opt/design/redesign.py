@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,7 @@ def redesign(
     watch: Watch | None = None,
     earlier: Earlier | None = None,
     pareto: tuple[str, str] | None = None,
+    executor: Executor | None = None,
     throw: bool = True,
 ) -> Redesign:
     """Return the design nearest to the one given (or what ``problem.design`` asks for) that holds every limit.
@@ -68,6 +70,8 @@ def redesign(
         earlier: a redesign of the same problem that was interrupted, to go on from.
         pareto: two quantities whose trade-off curve is wanted too, as in
             :func:`harness_opt.design.trade_off.quantities`.
+        executor: of processes that help where many designs are looked at, such as a ``ProcessPoolExecutor`` that spawns
+            its own; what is found is the same. None looks at one after the other.
         throw: raise where no shape can be found, or return the failed result.
 
     Raises:
@@ -78,8 +82,9 @@ def redesign(
     robust = given_problem(problem).robust
     if robust is None:
         return _nominal_redesign(
-            problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, throw=throw
-        )
+            problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, executor=executor,
+            throw=throw,
+        )  # fmt: skip
     if pareto is not None:
         raise ProblemError("robust: found tolerances, expected none for a trade-off curve, whose points know of none")
     scene = load_scene(problem)
@@ -89,7 +94,7 @@ def redesign(
     while len(rounds) < ROUNDS:
         found = _nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=None if rounds else earlier, asked=asked,
-            throw=throw,
+            executor=executor, throw=throw,
         )  # fmt: skip
         after = _within(found.problem, scene, robust) if len(found.motion.motion) else None
         rounds.append(_Round(found, after, asked))
@@ -193,6 +198,7 @@ def _nominal_redesign(
     watch: Watch | None = None,
     earlier: Earlier | None = None,
     pareto: tuple[str, str] | None = None,
+    executor: Executor | None = None,
     asked: Mapping[LimitId, float] | None = None,
     throw: bool = True,
 ) -> Redesign:
@@ -209,7 +215,7 @@ def _nominal_redesign(
     begin = time.perf_counter()
     scene = load_scene(problem)
     loaded = time.perf_counter()
-    evaluate, objective = Evaluator(problem, scene, solver, progress), objective_of(problem)
+    evaluate, objective = Evaluator(problem, scene, solver, progress, executor), objective_of(problem)
     for limit, margin in (asked or {}).items():
         evaluate.asked[limit] += margin
     begun = beginning(evaluate, objective, _begin(problem, objective, earlier))

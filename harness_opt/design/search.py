@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from harness_opt.design.evaluation import HELD, Evaluated, Evaluator
+from harness_opt.design.evaluation import GUARD, HELD, SEARCH_STRIDE, Evaluated, Evaluator
 from harness_opt.design.objective import Objective
 from harness_opt.design.sqp import Note, descend, stationary
 from harness_opt.design.starts import coarse_stride, looks, promising
@@ -27,7 +27,6 @@ from harness_opt.model.spans import clamp_way
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
-SEARCH_STRIDE = 2  # of the frames that the search solves
 VERIFICATIONS = 4
 ROUNDS = 3  # of looks, where none leads to a design that holds
 DESCENTS = 3  # from the best designs of a look
@@ -35,6 +34,7 @@ HALVINGS = 4  # of the way back to the drawn design: to a sixteenth of it
 UPRIGHT = 0.9  # of the way between the clamps is along z: there is no up across it
 TRIED = 3  # designs met, the least violated ones, that are simulated on all frames
 SAME = 0.01  # of a scale: designs whose limits fall short by as much in all are equals
+NEAR = 2.0 * GUARD  # a margin that near to what it is asked for stands in the way
 WORST = 0.95  # of the largest shortfall: limits with that much are the worst ones
 
 
@@ -115,10 +115,10 @@ def _beside(evaluate: Evaluator, objective: Objective, best: Evaluated, note: No
     """Return the best design that looks over the bounds lead to, or ``best``; what they lead to is added to ``met``."""
     for number in range(ROUNDS):
         before = best
-        for look in promising(objective, looks(evaluate, objective, best, number), best, DESCENTS):
+        for look in promising(objective, looks(evaluate, objective, best, number, [*met, best]), best, DESCENTS):
             if objective.held(best) and not objective.could_beat(best, look.values):
                 continue
-            scout = evaluate(look.values, look, stride=SEARCH_STRIDE)
+            scout = evaluate(look.values, None, stride=SEARCH_STRIDE)  # as its file will be: a look may have strayed
             if scout is None:
                 continue
             met.append(scout)
@@ -134,6 +134,7 @@ def verified(evaluate: Evaluator, objective: Objective, design: Evaluated, note:
     """Search from ``design``, round and verify the end, ask for what is short there, and search again."""
     for attempt in range(VERIFICATIONS):
         design = search(evaluate, objective, design, note, near=attempt > 0 and not evaluate.cold)
+        design = _unconcerned(evaluate, objective, design)
         found = _verify_rounded(evaluate, objective, design)
         if found.holds(snaps=objective.snaps) or not objective.held(design) or attempt == VERIFICATIONS - 1:
             break
@@ -147,6 +148,20 @@ def verified(evaluate: Evaluator, objective: Objective, design: Evaluated, note:
             break
         design = again
     return found
+
+
+def _unconcerned(evaluate: Evaluator, objective: Objective, design: Evaluated) -> Evaluated:
+    """Return ``design`` with each variable back as drawn that no limit in its way knows of, where as much holds then.
+
+    A descent ends once it promises little of the whole objective, and such a variable may have little part in that.
+    """
+    in_the_way = design.rows.rate[design.rows.margin < NEAR]
+    alone = ~np.any(in_the_way, axis=0) & (objective.weights > 0.0)
+    values = np.where(alone, objective.centre, design.values)
+    trial = evaluate(values, design) if np.any(values != design.values) else None
+    if trial is None or objective.violation(trial) > max(HELD, objective.violation(design) + HELD):
+        return design
+    return trial
 
 
 def _verify_rounded(evaluate: Evaluator, objective: Objective, design: Evaluated) -> Verified:

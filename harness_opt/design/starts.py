@@ -8,17 +8,17 @@ looked at as could be better.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from harness_opt.clearance.limits import all_limits
 from harness_opt.clearance.measure import measure
-from harness_opt.design.evaluation import SPARE, Evaluated, Evaluator
+from harness_opt.design.evaluation import SEARCH_STRIDE, SPARE, Evaluated, Evaluator
 from harness_opt.design.margins import Rows, reach_rows
 from harness_opt.design.objective import CLOSE, Objective
-from harness_opt.design.sqp import SMALL
+from harness_opt.design.sqp import SMALL, TRUST
 from harness_opt.errors import ProblemError
 from harness_opt.model import design_variables
 from harness_opt.model.results import LimitResult, Motion
@@ -32,7 +32,6 @@ ROUNDS = 3  # of looks for a design that can be simulated
 FRAMES = 5  # of the motion that a look solves
 LOOKS = 32  # for each variable, where no design holds yet
 LOOKS_BESIDE = 8  # for each variable, where one does, and another could only be better
-ENOUGH = 3  # looks that hold all limits, those first that change least, end a round
 APART = 0.1  # of the bounds' ranges: starts nearer to each other than that lead to one end
 
 
@@ -70,7 +69,7 @@ def beginning(evaluate: Evaluator, objective: Objective, values: Array) -> Begin
     for number in range(ROUNDS):
         seen = [] if first is not None else looks(evaluate, objective, None, number)
         for look in sorted(seen, key=lambda one: objective.preference(one.values)):
-            first = first or evaluate(look.values, look)
+            first = first or evaluate(look.values, None)
     if short:
         apart = in_spans(problem)
         by = {name: shortest(apart, name)[0] - apart.cables[name].cable.length for name in short}
@@ -135,11 +134,13 @@ def spread(first: int, count: int, dimensions: int, seed: int) -> Array:
 
 
 def coarse_stride(evaluate: Evaluator) -> int:
-    """Return of how many frames of the motion a look solves one."""
-    return math.ceil((len(evaluate.frames) - 1) / (FRAMES - 1)) or 1
+    """Return of how many frames of the motion a look solves one: a multiple of what the search does, to share them."""
+    return SEARCH_STRIDE * math.ceil((len(evaluate.frames) - 1) / (SEARCH_STRIDE * (FRAMES - 1))) or 1
 
 
-def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, number: int) -> list[Evaluated]:
+def looks(
+    evaluate: Evaluator, objective: Objective, best: Evaluated | None, number: int, known: Sequence[Evaluated] = ()
+) -> list[Evaluated]:
     """Return what a look shows of designs within the bounds that could be better than ``best``.
 
     Args:
@@ -147,6 +148,7 @@ def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, num
         objective: what is sought.
         best: the best design so far; None where no design could be simulated yet.
         number: of this look: each is at other designs.
+        known: designs whose shapes a look near to one of them starts from.
     """
     beside = best if best is not None and objective.held(best) else None
     count = (LOOKS if beside is None else LOOKS_BESIDE) * len(objective.range)
@@ -156,14 +158,27 @@ def looks(evaluate: Evaluator, objective: Objective, best: Evaluated | None, num
     places = lower + spread(number * count, count, len(lower), evaluate.problem.design.seed) * (upper - lower)
     if beside is not None:
         places = places[[objective.could_beat(beside, place) for place in places]]
+    places = places[np.argsort([objective.preference(place) for place in places], kind="stable")]
     found: list[Evaluated] = []
-    for place in places[np.argsort([objective.preference(place) for place in places], kind="stable")]:
-        look = evaluate(place, None, stride=coarse_stride(evaluate), quick=True)
+    if beside is None:
+        for look in evaluate.looks(places, coarse_stride(evaluate)):
+            if look is not None:
+                found.append(look)
+                if objective.held(look):  # then those are looked at that could be better
+                    break
+        return found
+    for place in places:
+        near = nearest(objective, place, [*known, *found])
+        look = evaluate(place, near, stride=coarse_stride(evaluate), quick=True)
         if look is not None:
             found.append(look)
-        if sum(objective.held(one) for one in found) == ENOUGH:
-            break
     return found
+
+
+def nearest(objective: Objective, place: Array, known: Sequence[Evaluated]) -> Evaluated | None:
+    """Return the one of ``known`` nearest to ``place`` (k,); None where none is as near as a descent's first step."""
+    away = [float(np.max(np.abs(one.values - place) / objective.range)) for one in known]
+    return known[int(np.argmin(away))] if min(away, default=np.inf) <= TRUST else None
 
 
 def promising(objective: Objective, seen: list[Evaluated], best: Evaluated | None, most: int) -> Iterator[Evaluated]:

@@ -37,9 +37,13 @@ class CableFollower:
         motion: values of the frames, (P,), no two neighbours equal.
         elements: least number of elements; 0 leaves it to the shape.
         progress: called with the cable's name, frames done, frames in all.
+        recovers: whether a cable that loses its shape is released, and followed on; it ends there otherwise.
     """
 
-    def __init__(self, cases: CableCases, motion: Array, elements: int, progress: Progress | None):
+    def __init__(
+        self, cases: CableCases, motion: Array, elements: int, progress: Progress | None, *, recovers: bool = True
+    ):
+        self.recovers = recovers
         self.problem, self.name, self.motion = cases.problem, cases.name, motion
         self.solver, self.elements, self.progress = cases.solver, elements, progress
         self.cases = cases
@@ -86,7 +90,7 @@ class CableFollower:
                 lost, why = unstable, "the shape became unstable and no stable one was found"
                 self._cut(lost)
             if lost is not None:
-                recovered = self._recover(lost)
+                recovered = self._recover(lost) if self.recovers else None
                 if recovered is None:
                     return Status.STEP_TOO_SMALL, self.failure(lost, why)
                 if self._unlinked(lost):

@@ -96,6 +96,7 @@ def sweep(  # noqa: PLR0913
     guesses: Sequence[Solved | None] | None = None,
     near: Fitted | None = None,
     rigour: Rigour = "full",
+    recovers: bool = True,
     progress: Progress | None = None,
 ) -> Sweep:
     """Follow the cable ``name`` over ``motion`` (P,).
@@ -113,11 +114,12 @@ def sweep(  # noqa: PLR0913
         near: a fit of a like cable to start from, for the roll of an untwisted end.
         rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
             the same; "quick look" leaves out stability and accuracy both.
+        recovers: whether a cable that loses its shape is released, and followed on; the sweep ends there otherwise.
         progress: called with the cable's name, frames done, frames in all.
     """
     quick_look = rigour == "quick look"
     cases = CableCases(problem, name, solver, near, first if motion[0] == 0.0 else None)
-    follower = CableFollower(cases, motion, elements or 0, progress)
+    follower = CableFollower(cases, motion, elements or 0, progress, recovers=recovers)
     try:
         status, message = follower.run_all(first, guesses, check=not quick_look)
     except KeyboardInterrupt:  # raised by ``progress``: what is solved until here is kept

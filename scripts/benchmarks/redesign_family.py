@@ -69,7 +69,10 @@ def feasible(seed: int) -> Scene:
     """Return the scene of ``seed``, which a design is known to hold."""
     random = np.random.default_rng([7, seed])
     while True:
-        bare = _bare(random)
+        try:
+            bare = _bare(random)
+        except ho.ProblemError:  # too short for its clamps
+            continue
         shapes = _well_bent(bare)
         if shapes is None:
             continue
@@ -323,7 +326,7 @@ def _short(random: np.random.Generator, known: ho.Problem) -> Scene | None:
     solved = ho.simulate(problem, throw=False)
     if not solved.ok or solved.snaps:
         return None
-    tight = dataclasses.replace(problem, limits=ho.Limits(bend_radius=1e-6))
+    tight = problem.changed(limits=ho.Limits(bend_radius=1e-6))
     worst = cable_limits(tight, solved)[0].worst
     held = dataclasses.replace(problem, limits=ho.Limits(bend_radius=0.8 * worst, clamp_force=100.0))
     if not holds(held):

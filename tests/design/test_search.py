@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
 import shutil
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.cli.commands import main
-from harness_opt.design import starts
+from harness_opt.design import evaluation, starts
 from harness_opt.design.evaluation import GUARD, Evaluator
 from harness_opt.design.objective import objective_of
 from harness_opt.design.verification import rounded
@@ -96,6 +98,53 @@ def test_looks_are_the_same_for_a_seed_and_fill_the_bounds():
     assert counts.min() >= 2  # of 4 in each of 16 cells; 64 at random leave one with none every third time
 
 
+def test_a_look_from_known_shapes_sees_what_one_from_nothing_does():
+    problem = case("slot2")
+    evaluate, objective = evaluator(problem), objective_of(problem)
+    drawn, aside, far = (evaluate(np.array(place), None) for place in ([0.0, 0.0], [0.02, 0.02], [0.06, -0.06]))
+    place = np.array([0.025, 0.01])
+    near = starts.nearest(objective, place, [drawn, aside, far])
+    assert near is aside
+    warm, cold = (evaluate(place, known, quick=True).rows.margin for known in (near, None))
+    assert warm == pytest.approx(cold, abs=1e-6)
+    assert starts.nearest(objective, np.array([-0.06, 0.06]), [drawn, aside, far]) is None
+
+
+def seen(problem: ho.Problem, executor: Executor | None) -> tuple[list[np.ndarray], int]:
+    evaluate = Evaluator(problem, load_scene(problem), "gauss-newton", None, executor)
+    lower, upper = design_variables.bounds(problem)
+    places = lower + starts.spread(0, 10, 2, 1) * (upper - lower)
+    return [np.append(one.values, one.rows.margin) for one in evaluate.looks(places, 2) if one], evaluate.count
+
+
+def test_other_processes_see_the_same(monkeypatch):
+    alone = seen(case("slot2"), None)
+    monkeypatch.setattr(evaluation, "STARTING", 0.0)
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as processes:
+        helped = seen(case("slot2"), processes)
+        broken = Broken(processes)
+        left_alone = seen(case("slot2"), broken)
+    assert broken.asked > 2
+    for margins, count in (helped, left_alone):
+        assert count == alone[1] == 10
+        assert all(np.array_equal(one, other) for one, other in zip(margins, alone[0], strict=True))
+
+
+class Broken(Executor):
+    """Loses its processes after two tasks."""
+
+    def __init__(self, processes: Executor):
+        self._processes, self.asked = processes, 0
+
+    def submit(self, *task):
+        self.asked += 1
+        if self.asked > 2:
+            lost = Future()
+            lost.set_exception(BrokenExecutor("gone"))
+            return lost
+        return self._processes.submit(*task)
+
+
 def test_of_two_slots_the_nearer_one_is_taken():
     problem = case("slot2")
     box = ho.Box((0.01, 0.2, 0.6))
@@ -156,6 +205,29 @@ def test_a_cable_too_short_within_all_bounds_is_bad_input():
     problem = with_design(case("too_short"), variables=(ho.Variable("c.length", 0.19, 0.21),))
     with pytest.raises(ho.ProblemError, match=r"cables\.c\.length: found 0\.205, expected at least 0\.219"):
         ho.redesign(problem)
+
+
+# --- what is not concerned ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["slot2", "thin", pytest.param("lid", marks=pytest.mark.slow)])
+def test_a_bystander_stays_as_drawn(name):
+    # a second cable, 2 m away, within all its limits; of "lid" no design holds
+    problem = case(name)
+    cable = ho.Cable(0.4, 5e-3, 2e-3, 1.5e-3, 0.05)
+    start = ho.End((2.0, 2.0, 0.0), tangent=(1.0, 0.0, 0.0))
+    idle = ho.CableRun(cable, start, ho.End((2.25, 2.0, 0.0), tangent=(1.0, 0.0, 0.0)))
+    variables = (
+        *problem.design.variables,
+        ho.Variable("idle.length", 0.35, 0.6),
+        ho.Variable("idle.start.position.y", 1.9, 2.1),
+        ho.Variable("idle.end.rotate_y_deg", -20.0, 20.0),
+    )
+    both = with_design(dataclasses.replace(problem, cables={**problem.cables, "idle": idle}), variables=variables)
+    design = ho.redesign(both)
+    assert any(variable.after != variable.before for variable in design.variables.values())
+    for variable in (one for key, one in design.variables.items() if key.startswith("idle.")):
+        assert variable.after == variable.before
 
 
 # --- where none holds ------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ import pytest
 
 import harness_opt as ho
 from harness_opt.motion.snaps import PLACE_TOLERANCE
+from harness_opt.motion.sweep import sweep
 from oracles.elastica import ALONG_X
 from oracles.reference import G, cable, ends
 
@@ -45,6 +46,17 @@ def test_a_snap_stands_at_one_motion_value_whatever_the_spatial_step(weight):
     for motion in found:  # the frame that first shows the new shape is the first one past the place
         snap = motion.snaps[0]
         assert motion.motion[snap.frame - 1] < snap.motion <= motion.motion[snap.frame]
+
+
+def test_a_sweep_that_does_not_recover_ends_where_the_shape_is_lost():
+    problem, motion = arch(0.0), np.linspace(0.0, 1.0, 41)
+    whole, ended = (sweep(problem, "lead", motion, recovers=recovers) for recovers in (True, False))
+    ((frame, place, _),) = whole.snaps
+    assert whole.status.ok and len(whole.frames) == len(motion)
+    assert not ended.status.ok and not ended.snaps
+    assert len(ended.frames) == frame and motion[frame - 1] < place
+    for before, after in zip(ended.frames, whole.frames, strict=False):
+        assert np.abs(before.rod.r[-1] - after.rod.r[-1]).max() < 1e-6
 
 
 def test_out_and_back_shows_hysteresis():
