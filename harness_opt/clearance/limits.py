@@ -38,7 +38,7 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
     The rows are not certified: between the stations a value may be worse by ``tolerance``, estimated from second
     differences, and between the frames nothing is known.
     """
-    apart, rows = split(motion), []
+    apart, rows = split(replace(motion, problem=problem)), []
     for which, limit, ends in asked(apart):
         shapes: Quantities = apart.cables[which.cable]
         if which.clip is not None:
