@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult, rows_of_whole_cables
+from harness_opt.model.cable import ENDS, REACH_TOLERANCE
 from harness_opt.model.limits import CABLE_KINDS, CLAMP_LOADS, CLIP_LOADS, FORCES, LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Holds, LimitResult, Motion, Quantities, at_clip, split
-from harness_opt.model.spans import joints, own_ends, spans_of
+from harness_opt.model.spans import Span, in_spans, joints, own_ends, slack, spans_of
 from harness_opt.numerics.rotations import Array
 
 LOOKED_AT = "only the stations of the solved frames were looked at"
+TENSION = "is just as long as its clamps are apart, so any tension keeps it straight"
 STRAIGHT = 1e-9  # 1/m; below this curvature the bend radius is given as that of a straight cable
 
 
@@ -35,7 +38,7 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
     The rows are not certified: between the stations a value may be worse by ``tolerance``, estimated from second
     differences, and between the frames nothing is known.
     """
-    apart, rows = split(motion), []
+    apart, rows = split(replace(motion, problem=problem)), []
     for which, limit, ends in asked(apart):
         shapes: Quantities = apart.cables[which.cable]
         if which.clip is not None:
@@ -100,7 +103,23 @@ def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) ->
     """Return the rows of every limit of ``problem``, certain between the frames where ``clearances`` are."""
     others = clearances.cable_limits
     rows = through_themselves(problem, motion, clearances.limits)
-    return (*rows, *(cable_limits(problem, motion) if others is None else others))
+    return (*rows, *_known_tensions(motion, cable_limits(problem, motion) if others is None else others))
+
+
+def _known_tensions(motion: Motion, rows: Iterable[LimitResult]) -> Iterator[LimitResult]:
+    """Yield ``rows``, those of forces that a straight span pulls with not certified: any tension keeps it straight."""
+    straight: dict[LimitId, Span] = {}
+    apart = in_spans(motion.problem)
+    for span in spans_of(motion.problem).values():
+        spare = slack(apart, span, motion.motion)
+        if spare is None or np.min(spare, initial=np.inf) > REACH_TOLERANCE * (span.last - span.first):
+            continue
+        for clamp in span.clamps:
+            kind = LimitKind.CLAMP_FORCE if clamp in ENDS else LimitKind.CLIP_FORCE
+            straight[LimitId(kind, span.cable, clip=None if clamp in ENDS else clamp)] = span
+    for row in rows:
+        taut = straight.get(row.id)
+        yield row if taut is None else replace(row, certified=False, reason=f"{taut.name} {TENSION}")
 
 
 def through_themselves(problem: Problem, motion: Motion, rows: Sequence[LimitResult]) -> tuple[LimitResult, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from harness_opt.errors import ProblemError
 from harness_opt.model.cable import ENDS, Clip, End, Side
 from harness_opt.model.design import Variable
+from harness_opt.model.limits import quoted
 from harness_opt.model.problem import Problem
 from harness_opt.model.spans import Span, in_spans, spans_of
 from harness_opt.numerics import rotations
@@ -176,13 +177,15 @@ def apply(problem: Problem, design: Sequence[float] | Array) -> Problem:
 
 
 def misplaced(problem: Problem) -> list[str]:
-    """Return where clips do not follow each other along their cables, a line each."""
-    return [
-        f"cables.{span.cable}: found {span.clamps[1]} at {span.last:g} m, expected it behind {span.clamps[0]}, at "
-        f"{span.first:g} m"
-        for span in spans_of(problem).values()
-        if not span.last > span.first
-    ]
+    """Return where clips do not follow each other along their cables, a line each, by the key that is too small."""
+    found = []
+    for span in spans_of(problem).values():
+        if not span.last > span.first:
+            before, here = span.clamps
+            key = "length" if here == "end" else f"clips.{quoted(here)}.at"
+            words = f"found {span.last:g} in the design, expected more than {span.first:g}, where clip {before} is"
+            found.append(f"cables.{quoted(span.cable)}.{key}: {words}")
+    return found
 
 
 def _turned(end: End, angles: dict[int, float]) -> End:

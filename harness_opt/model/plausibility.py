@@ -15,6 +15,7 @@ from harness_opt.model.cable import Cable
 from harness_opt.model.courses import ValueTable
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
+from harness_opt.model.spans import spans_of
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -38,7 +39,7 @@ SMALLEST_PART = 0.1  # diameters of the thinnest cable
 def doubts(problem: Problem) -> tuple[str, ...]:
     """Return what is hardly meant in ``problem``, a line each that begins with the key; nothing for most problems."""
     lines = [line for name, run in problem.cables.items() for line in _cable(f"cables.{name}", run.cable)]
-    return (*lines, *_surroundings(problem), *_limits(problem), *_lengths(problem))
+    return (*lines, *_spans(problem), *_surroundings(problem), *_limits(problem), *_lengths(problem))
 
 
 def part_doubts(problem: Problem, name: str, size: Array) -> Iterator[str]:
@@ -93,6 +94,17 @@ def _cable(key: str, cable: Cable) -> Iterator[str]:
     sharpest = 0.5 * diameter * math.hypot(*cable.rest_curvature[:2])
     if sharpest > 1:
         yield f"{key}.rest_curvature: found a radius below half the diameter, so the cable is made bent through itself"
+
+
+def _spans(problem: Problem) -> Iterator[str]:
+    """Yield spans between clips that are too short."""
+    for span in spans_of(problem).values():
+        run = problem.cables[span.cable]
+        thick = (span.last - span.first) / run.cable.diameter
+        if run.clips and thick < STOUTEST:
+            before, here = span.clamps
+            key = f"cables.{span.cable}.clips.{before if here == 'end' else here}.at"
+            yield f"{key}: found {thick:.3g} diameters from {before} to {here}, too short for a rod without shear"
 
 
 def _surroundings(problem: Problem) -> Iterator[str]:

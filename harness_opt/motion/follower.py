@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harness_opt.errors import Status
+from harness_opt.model.cable import REACH_TOLERANCE
+from harness_opt.model.spans import clamp_way
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import coarsened, on_mesh
 from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh, estimates
@@ -25,6 +27,7 @@ from harness_opt.statics.release import is_stable
 from harness_opt.statics.solve import Solved, error_estimate, resample, solve_on
 
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
+TAUT = "it is just as long as its two ends are apart, and its weight or its clamps bend it"
 
 Progress = Callable[[str, int, int], None]
 
@@ -121,12 +124,17 @@ class CableFollower:
         started = None if self.cases.unfitted else self._start(first, guess)
         begin = self._refined(started)
         if started is None or begin is None:
-            return Status.NO_START, self.failure(0, "no shape joins its two ends there")
+            return Status.NO_START, self.failure(0, TAUT if self._is_taut() else "no shape joins its two ends there")
         self.begins_through_itself = started.passed
         if self._unlinked(0):
             return Status.NOT_WITHOUT_CONTACT, self.failure(0, Status.NOT_WITHOUT_CONTACT.value)
         self.frames.append(begin)
         return None
+
+    def _is_taut(self) -> bool:
+        """Whether the cable is just as long as its ends are apart, in the first frame."""
+        way, length = clamp_way(self.problem, self.name, self.motion[:1]), self.problem.cables[self.name].cable.length
+        return way is not None and bool(np.linalg.norm(way[0]) >= length * (1 - REACH_TOLERANCE))
 
     def _unlinked(self, frame: int) -> bool:
         """Whether the cable goes through itself on the way to ``frame``, and no limit is there for it to violate."""

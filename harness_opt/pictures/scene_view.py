@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -154,7 +155,8 @@ class SceneView:
         """Draw the line between a cable and what is nearest to its limit, and say how long it is."""
         plotter, at = self.plotter, float(self.motion.motion[shown.frame])
         words, colour = f"{self.title}\n{self.motion.problem.moments.words(at)}", INK
-        pair = min(shown.still.pairs, key=lambda pair: pair.worst - (pair.limit or 0.0), default=None)
+        near = [pair for pair in shown.still.pairs if math.isfinite(pair.worst)]
+        pair = min(near, key=lambda pair: pair.worst - (pair.limit or 0.0), default=None)
         if pair is not None:
             broken = pair.worst < (pair.limit or 0.0)
             point = pair.nearest.point[0]

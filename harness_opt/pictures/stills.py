@@ -88,9 +88,10 @@ def worst_view(
 ) -> View:
     """Return the view of the row of ``rows`` that people look at first.
 
-    Without rows, the smallest clearance to a part, or else the smallest bend radius.
+    Without rows of what is anywhere near, the smallest clearance to a part, or else the smallest bend radius.
     """
-    row = most_urgent(motion.problem, rows or _rows_of_zero(motion, scene))
+    near = [row for row in rows if math.isfinite(row.worst)] or _rows_of_zero(motion, scene)
+    row = most_urgent(motion.problem, near)
     return View(DrawnFrame.of(motion, scene, row.frame, palette), row, title)
 
 

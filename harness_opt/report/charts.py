@@ -128,9 +128,9 @@ def charts(
 
 def _clearances(measured: ClearanceResult, name: str) -> dict[str, Array]:
     itself = Obstacle(name, is_cable=True)
-    found = {}
+    found = {}  # but of what is never near
     for pair in measured.pairs:
-        if name == pair.cable or pair.obstacle == itself:
+        if math.isfinite(pair.worst) and (name == pair.cable or pair.obstacle == itself):
             other = pair.obstacle if name == pair.cable else Obstacle(pair.cable, is_cable=True)
             found[other.words(name)] = MM * pair.clearance
     return found

@@ -147,7 +147,7 @@ def live_rows(
         which = limit_of(row)
         kind, unit = which.kind, which.kind.unit
         if kind is LimitKind.CLEARANCE:
-            values = unit.factor * pairs[which].clearance
+            values = np.where(math.isfinite(pairs[which].worst), unit.factor * pairs[which].clearance, np.inf)
         else:
             series = curves[row["cable"]][charts.TITLES[kind]]
             values = np.max(list(series.values()), axis=0) if which.clip is None else series[which.clip]

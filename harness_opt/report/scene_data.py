@@ -50,7 +50,7 @@ def scene_data(motion: Motion, scene: Scene, measured: ClearanceResult, share: f
         "solved": len(motion.motion),
         "cables": [_cable(motion, scene, measured, name, kept) for name in motion.cables],
         "bodies": {name: pack(np.hstack(problem.poses(name, at)), np.float32) for name in bodies},
-        "nearest": [_nearest(pair, kept) for pair in measured.pairs],
+        "nearest": [_nearest(pair, kept) for pair in measured.pairs if math.isfinite(pair.worst)],
         "ghosts": sorted({int(np.argmin(np.abs(at - moment))) for moment in EXTREMES}),
     }
 

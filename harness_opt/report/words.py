@@ -14,7 +14,7 @@ from harness_opt.files.summary import (
     limit_of,
     moments_of,
 )
-from harness_opt.model.limits import KIND_OF_KEY, spoken
+from harness_opt.model.limits import FORCES, KIND_OF_KEY, spoken
 from harness_opt.model.problem import SHARES, Moments
 from harness_opt.report.redesign_words import changes, redesign_words
 
@@ -107,7 +107,8 @@ def doubt(row: LimitEntry) -> str:
     if row["holds"] != "uncertain":
         return ""
     if not row["certified"]:
-        return f"{row['reason'] or 'not looked at between the frames'}; try a smaller --spatial-step"
+        longer = ", or more length where the cable is taut" if row["name"] in {kind.value for kind in FORCES} else ""
+        return f"{row['reason'] or 'not looked at between the frames'}; try a smaller --spatial-step{longer}"
     spare, sure = quantity(row, row["margin"]), quantity(row, row["tolerance"])
     remedy = "ask for a little more, or try a smaller --clearance-tolerance or --spatial-step"
     return f"{spare} to spare are known to {sure} only; {remedy}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -50,8 +51,13 @@ def step_of(quantity: Quantity) -> tuple[str, float]:
 
 
 def tightest(found: Linear) -> LimitId:
-    """Return the clearance with the smallest margin; without clearances, any limit's."""
-    limits = [limit for limit in found.limits if limit.kind is LimitKind.CLEARANCE] or list(found.limits)
+    """Return the clearance with the smallest margin; without clearances, any limit's.
+
+    What a cable never comes near, itself above all, is none: its margin is as large as it has been looked for.
+    """
+    far = {pair.id for pair in found.clearances.pairs if not math.isfinite(pair.worst)}
+    limits = [limit for limit in found.limits if limit.kind is LimitKind.CLEARANCE and limit not in far]
+    limits = limits or [limit for limit in found.limits if limit not in far] or list(found.limits)
     return min(limits, key=lambda limit: found.margin[found.worst(limit)])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import harness_opt as ho
-from harness_opt.clearance.limits import all_limits
+from harness_opt.clearance.limits import TENSION, all_limits
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Options
 from harness_opt.model.results import CableMotion, Snap, joined, split
@@ -132,6 +132,23 @@ def test_a_holder_is_let_off_at_its_clip_and_nowhere_else():
     world = dataclasses.replace(gland, body="world")
     (row,) = [row for row in ho.clearances(ho.simulate(arm(parts={"gland": world}))).limits if row.part == "gland"]
     assert row.holds == "no" and row.worst < -0.003
+
+
+def test_a_span_as_long_as_its_clamps_are_apart_is_straight_and_its_tension_not_known():
+    """Both clips stand on one body: the span between is straight at every moment, whatever pulls it."""
+    elbow, wrist = arm().cables["lead"].clips
+    wrist = dataclasses.replace(wrist, tangent=(1, 0, 0))
+    end = ho.End((0.34, 0.04, 0.4), tangent=(1, 0, 0), body="arm")
+    cable = dataclasses.replace(arm().cables["lead"].cable, mass_per_length=0.0)
+    run = dataclasses.replace(arm().cables["lead"], cable=cable, clips=(elbow, wrist), end=end)
+    motion = ho.simulate(arm(cables={"lead": run}))
+    span = split(motion).cables["lead, wrist to end"].position
+    straight = span[:, :1] + np.linspace(0, 1, span.shape[1])[:, None] * (span[:, -1:] - span[:, :1])
+    assert np.max(np.abs(span - straight)) < 1e-9
+    rows = {str(row.id): row for row in all_limits(motion.problem, motion, ho.clearances(motion))}
+    for name in ("clip_force.lead.wrist", "clamp_force.lead"):
+        assert rows[name].holds == "uncertain" and rows[name].reason == f"lead, wrist to end {TENSION}"
+    assert rows["clip_force.lead.elbow"].holds == rows["clip_moment.lead.wrist"].holds == "yes"
 
 
 @pytest.mark.parametrize("done", range(11))

@@ -28,6 +28,7 @@ from harness_opt.parts.primitives import Primitive
 from harness_opt.parts.scene import load_scene
 from harness_opt.studies import ranking
 from harness_opt.studies.ranking import ranked, step_of, tightest, worst_margin
+from oracles.clipped import arm
 from oracles.flap import put, strict
 from oracles.studies import STUDY, placed
 
@@ -261,6 +262,18 @@ def test_usual_keys(scene):
     assert {"cables.lead.length", "cables.tail.weight_percent", "parts.rod.position.x"} < set(keys)
     assert all(differentiable(scene[0][key]) for key in keys)
     assert tightest(scene[2]).kind is LimitKind.CLEARANCE
+
+
+def test_what_a_cable_never_comes_near_is_not_the_tightest(tmp_path):
+    """A short way along the cable is near in space at any shape: it is not what stands in the way."""
+    file = ho.write_problem(arm(spatial_step=0.1), tmp_path / "arm.toml")
+    quantities = quantities_of(file)
+    found = linear(quantities, ["cables.lead.length"], load_scene(quantities.problem({})))
+    itself = LimitId(LimitKind.CLEARANCE, "lead", Obstacle("lead", is_cable=True))
+    post = LimitId(LimitKind.CLEARANCE, "lead", Obstacle("post"))
+    assert found.margin[found.worst(itself)] < found.margin[found.worst(post)], "by the arc that is left out"
+    assert tightest(found) == post
+    assert worst_margin(found, post) == pytest.approx(ho.clearances(found.motion).limits[0].margin, abs=1e-4)
 
 
 # --- the command ----------------------------------------------------------------------------------------

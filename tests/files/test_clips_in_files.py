@@ -133,3 +133,23 @@ def test_a_clip_can_follow_the_length(file):
     text += '\n[design.variables]\n"lead.length" = [0.6, 0.8]\n"lead.wrist.at" = "= 0.6 * lead.length"\n'
     file.write_text(text, encoding="utf-8")
     assert read_problem(file).design.couplings == (ho.Coupling("lead.wrist.at", "lead.length", 0.6),)
+
+
+@pytest.mark.parametrize(
+    ("variables", "words"),
+    [
+        (
+            '"lead.elbow.at" = [0.44, 0.5]',
+            "cables.lead.clips.wrist.at: found 0.42 in the design, expected more than 0.44, where clip elbow is",
+        ),
+        (
+            '"lead.length" = [0.3, 0.4]',
+            "cables.lead.length: found 0.4 in the design, expected more than 0.42, where clip wrist is",
+        ),
+    ],
+)
+def test_bounds_that_put_clips_into_another_order_are_told_by_their_keys(file, variables, words):
+    text = file.read_text(encoding="utf-8") + f"\n[design.variables]\n{variables}\n"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ho.ProblemError, match=re.escape(words)):
+        ho.redesign(read_problem(file))

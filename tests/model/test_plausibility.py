@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 from pathlib import Path
 
@@ -12,12 +13,15 @@ from harness_opt.cli.commands import main
 from harness_opt.cli.template import write_template
 from harness_opt.files.read import read_problem
 from harness_opt.files.stored_results import read_results
-from harness_opt.model.design import Limits
+from harness_opt.model.design import Design, Limits, Variable
 from harness_opt.model.parts import Part, Sphere
 from harness_opt.model.plausibility import doubts
 from harness_opt.parts.scene import load_scene
+from oracles.clipped import arm
 from oracles.flap import FLAP, PLAIN, put, strict
 from oracles.problems import PROBLEMS, shipped
+
+FREE = Design(variables=(Variable("lead.elbow.at", 0.14, 0.3),))  # a cable that is drawn too short may be, then
 
 ODD = [
     ("length = 0.3\n", "length = 300\n", "cables.lead.length: found 300 m, longer than a ship"),
@@ -91,6 +95,19 @@ def test_parts_without_cables_are_compared_with_nothing():
     parts = {"ball": Part(Sphere(1e9))}
     alone = shipped("lift_arm").changed(cables={}, bodies={}, parts=parts, limits=Limits(clearance=1e9))
     assert load_scene(alone).warnings == () == doubts(alone)
+
+
+def test_spans_that_are_too_short_to_be_meant():
+    run = arm().cables["lead"]
+    assert doubts(arm()) == ()
+    for at, key, words in (
+        (1e-9, "cables.lead.clips.elbow.at", "found 1.67e-07 diameters from start to elbow, too short"),
+        (0.4, "cables.lead.clips.wrist.at", "found 3.33 diameters from elbow to wrist, too short"),
+    ):
+        clips = (dataclasses.replace(run.clips[0], at=at), run.clips[1])
+        given = dataclasses.replace(run, clips=clips)
+        (line,) = doubts(arm(cables={"lead": given}, design=FREE))
+        assert line.startswith(f"{key}: {words}")
 
 
 def test_it_is_told_once_and_is_no_mistake(here, capsys):

@@ -24,6 +24,7 @@ from harness_opt.report import page_rows as report_words
 from harness_opt.report import scene_data as web_scene
 from harness_opt.report.summary import summary
 from oracles.browser import looked_through, opened
+from oracles.clipped import arm
 from oracles.problems import PROBLEMS
 from oracles.report_scene import data_of, flap, heights, many, page_of
 
@@ -369,3 +370,11 @@ def test_without_webgl_the_rest_of_the_page_stands(motion, tmp_path):
         view.slide(1.0)
         assert "100.0 %" in view.page.inner_text("#moment")
         assert view.said == []
+
+
+def test_what_a_cable_never_comes_near_is_not_shown_as_near(tmp_path):
+    """A short way along the cable is near in space at any shape: neither a label nor a curve says so."""
+    motion = ho.simulate(arm(), frames=[0.0, 0.5, 1.0])
+    page = tmp_path / html_report.write_page(html_report.prepare(motion), summary(motion), tmp_path)
+    (scene,) = data_of(page.read_text(encoding="utf-8"))["scenes"]
+    assert [pair["other"] for pair in scene["nearest"]] == ["post"]
