@@ -238,13 +238,13 @@ class _Views:
         self._seen.clear()
 
     def seen(self, cable: str, body: str) -> Seen:
-        """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
+        """Return the centreline of ``cable`` from ``body``: in its coordinates where it moves along with an end."""
         if (cable, body) in self._seen:
             return self._seen[cable, body]
         if len(self._seen) == MOST_VIEWS:
             self._seen.clear()
         problem, run = self._problem, self._problem.cables[cable]
-        rides = body in (run.start.body, run.end.body)
+        rides = problem.fixed_to(body) in (problem.fixed_to(run.start.body), problem.fixed_to(run.end.body))
         poses = Body().poses if rides else functools.partial(problem.poses, body)
         rates = functools.partial(problem.rates, WORLD if rides else body)
         clamps = (self._clamp(run.start, body), self._clamp(run.end, body))

@@ -131,6 +131,7 @@ RollWord = Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted",
 MotionValue = Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")]
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]
 Scale = Annotated[_Triple, Expected("[x, y, z], three numbers that are not 0"), AfterValidator(_no_zeros)]
+ShapesOfLinks = Annotated[Literal["collision", "visual"], Expected(one_of(("collision", "visual")))]
 AngleUnit = Annotated[Literal["rad", "deg"], Expected(one_of(("rad", "deg")))]
 TravelUnit = Annotated[Literal["m", "mm"], Expected(one_of(("m", "mm")))]
 UpAxis = Annotated[Literal["y", "z"], Expected(one_of(UP_AXES))]

@@ -26,6 +26,7 @@ SIDES = ("start", "end")
 ORIENTATIONS = ("quaternion", "tangent")  # what gives an end its section frame
 LONGEST_NAME = 100  # letters; names become file names and array names
 NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
+LINK_MARK = "."  # in names of bodies and parts, as robots' links have them
 KINDS = {"cables": CableRun, "bodies": Body, "parts": Part}
 AT_LEAST_0 = ("clearance",)  # of the limits; the others are above 0
 
@@ -69,7 +70,7 @@ def _names(tree: Tree) -> Iterator[Mistake]:
                     (section, name[:LONGEST_NAME]),
                     f"found a longer name, expected {LONGEST_NAME} letters at most",
                 )
-            elif not name or name != name.strip() or not all(c.isalnum() or c in NAME_MARKS for c in name):
+            elif not _is_name(name, "" if section == "cables" else LINK_MARK):
                 words = "expected a name of letters, digits, spaces, _ and -"
                 yield (section, name), f"found the name {shown(name)}, {words}"
     if WORLD in table(tree, "bodies"):
@@ -77,6 +78,11 @@ def _names(tree: Tree) -> Iterator[Mistake]:
             ("bodies", WORLD),
             'found "world", expected another name: the world always exists and stands still',
         )
+
+
+def _is_name(name: str, also: str) -> bool:
+    plain = all(c.isalnum() or c in NAME_MARKS + also for c in name)
+    return bool(name) and name == name.strip(" .") and plain
 
 
 def _body(tree: Tree, path: KeyPath, owner: Tree, key: str = "body") -> Iterator[Mistake]:

@@ -25,7 +25,7 @@ from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.courses import polyline
 from harness_opt.model.design import Design, Limits, Robust
-from harness_opt.model.parts import MeshFile, Part
+from harness_opt.model.parts import MeshFile, Part, Robot
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -51,6 +51,7 @@ class Problem:
         title: one line for people.
         file: where the problem was read from, or None.
         sha256: of that file's bytes, or None.
+        robots: by name, where bodies and parts come from that stand among the others.
     """
 
     cables: Mapping[str, CableRun]
@@ -66,6 +67,7 @@ class Problem:
     title: str = ""
     file: Path | None = None
     sha256: str | None = None
+    robots: Mapping[str, Robot] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         mistakes = mistakes_of(self)
@@ -134,6 +136,12 @@ class Problem:
         """Return whether ``body`` moves, by itself or with one that carries it."""
         return any(one.motion is not None for one in chain(self.bodies, body))
 
+    def fixed_to(self, body: str) -> str:
+        """Return the body that ``body`` moves along with as one: the outermost to which it is fixed, or itself."""
+        while body != WORLD and self.bodies[body].motion is None:
+            body = self.bodies[body].parent
+        return body
+
     @property
     def moves(self) -> bool:
         """Whether any body has a motion."""
@@ -182,6 +190,7 @@ def input_files(problem: Problem) -> list[Path]:
     """Return the files that ``problem`` was read from and still needs."""
     files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
     files += [body.table for body in problem.bodies.values() if body.table is not None]
+    files += [file for robot in problem.robots.values() for file, _ in robot.files]
     return [*files, problem.file] if problem.file else files
 
 
