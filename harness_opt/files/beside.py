@@ -21,7 +21,7 @@ from harness_opt.files.bodies import MOST_TABLE_BYTES, PER_UNIT, RobotTable, num
 from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
 from harness_opt.files.schema import MESHES_IN_METRES, PART_SHAPES, UNITLESS_MESHES
 from harness_opt.files.values import MESH_UNITS
-from harness_opt.model.between import INVALID, Tree, mistakes_between, table, value
+from harness_opt.model.between import INVALID, Tree, is_name, mistakes_between, table, value
 from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.checks import KeyPath, Mistake, one_of, shown
 from harness_opt.model.parts import Robot
@@ -180,6 +180,8 @@ def robots_of(tree: Tree, places: Places, pending: Mapping[Path, bytes]) -> tupl
             robot = RobotTable.model_validate(given)
         except ValidationError:
             continue  # named already when the whole file was structured
+        if not is_name(name):
+            continue  # named by the checks between keys
         wrong = [((key,), f"found {words} without a program, expected it beside program only")
                  for key, words in (("unit", "a unit"), ("program_sha256", "a SHA-256"))
                  if key in given and robot.program is None]  # fmt: skip

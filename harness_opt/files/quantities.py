@@ -155,6 +155,7 @@ def _inputs(problem: Problem) -> Iterator[Path]:
     """Yield the files that a problem was allowed to read when it was made."""
     yield from (part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile))
     yield from (body.table for body in problem.bodies.values() if body.table is not None)
+    yield from (file for robot in problem.robots.values() for file, _ in robot.files)
 
 
 # --- setting -------------------------------------------------------------------------------------------

@@ -340,9 +340,9 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(
-        places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up, part.mesh_scale or (1.0, 1.0, 1.0)
-    )
+    given = 1.0 if part.mesh_scale is None else part.mesh_scale
+    scale = given if isinstance(given, tuple) else (given, given, given)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up, scale)
 
 
 def _limits(tables: file_schema.ProblemTable) -> Limits:

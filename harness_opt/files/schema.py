@@ -179,7 +179,7 @@ class PartTable(Table):
         description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
     )
     mesh_scale: Scale | None = Field(
-        default=None, description="By which its x, y and z are multiplied; below 0 mirrors."
+        default=None, description="By which it is multiplied; or [x, y, z], each of its axes; below 0 mirrors."
     )
     mesh_sha256: Digest | None = Field(
         default=None,

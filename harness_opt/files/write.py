@@ -193,8 +193,11 @@ def _is_as_read(robot: Robot, problem: Problem, places: Places) -> bool:
     as_made = all(problem.bodies.get(name) == body for name, body in robot.bodies.items()) and all(
         problem.parts.get(name) == part for name, part in robot.parts.items()
     )
-    named = isinstance(robot.urdf, str) or places.fault(str(robot.urdf), "", None, MOST_MESH_BYTES) == ""
-    if not (as_made and named):
+    files = {part.shape.path for part in robot.parts.values() if isinstance(part.shape, MeshFile)}
+    inside = isinstance(robot.urdf, str) or not any(
+        places.fault(str(file), "", None, MOST_MESH_BYTES) for file in (robot.urdf, *files)
+    )
+    if not (as_made and inside):
         return False
     try:
         return all(digest(file) == sha256 for file, sha256 in robot.files)

@@ -63,14 +63,14 @@ def mistakes_between(tree: Tree) -> Iterator[Mistake]:
 
 
 def _names(tree: Tree) -> Iterator[Mistake]:
-    for section in ("cables", "bodies", "parts"):
+    for section in ("cables", "bodies", "parts", "robots"):
         for name in table(tree, section):
             if len(name) > LONGEST_NAME:
                 yield (
                     (section, name[:LONGEST_NAME]),
                     f"found a longer name, expected {LONGEST_NAME} letters at most",
                 )
-            elif not _is_name(name, "" if section == "cables" else LINK_MARK):
+            elif not is_name(name, LINK_MARK if section in ("bodies", "parts") else ""):
                 words = "expected a name of letters, digits, spaces, _ and -"
                 yield (section, name), f"found the name {shown(name)}, {words}"
     if WORLD in table(tree, "bodies"):
@@ -80,7 +80,8 @@ def _names(tree: Tree) -> Iterator[Mistake]:
         )
 
 
-def _is_name(name: str, also: str) -> bool:
+def is_name(name: str, also: str = "") -> bool:
+    """Return whether ``name`` holds what names may hold, or the marks ``also``."""
     plain = all(c.isalnum() or c in NAME_MARKS + also for c in name)
     return bool(name) and name == name.strip(" .") and plain
 

@@ -254,6 +254,12 @@ def test_mistakes_in_the_table_name_their_key(tmp_path, pair, words):
     assert len(told) == 1 and words in told[0], told
 
 
+def test_a_robot_s_name_is_a_name(tmp_path):
+    text = PROBLEM.replace("robots.crane", 'robots."cr/ane"').replace('"crane.claw"', '"cr/ane.claw"')
+    (told,) = mistakes(put_crane(tmp_path, text))
+    assert 'robots."cr/ane": found the name "cr/ane", expected a name of letters' in told
+
+
 @pytest.mark.parametrize(("pair", "words"), IN_URDF)
 def test_mistakes_in_the_urdf_name_what_they_are_of(tmp_path, pair, words):
     told = mistakes(put_crane(tmp_path, urdf=changed(pair, text=URDF)))
@@ -273,6 +279,9 @@ def test_meshes_in_folders_that_the_user_gives(tmp_path):
     assert "a file outside the problem's folder" in mistakes(file)[0]
     found = read_problem(file, [tmp_path / "elsewhere"]).parts["crane.mast.1"].shape.path
     assert found == (tmp_path / "elsewhere" / "wedge.stl").resolve()
+    written = write_problem(read_problem(file, [tmp_path / "elsewhere"]), tmp_path / "here" / "b.toml")
+    assert "robots" not in written.read_text(), "its meshes are not where a reader would look"
+    assert read_problem(written).parts["crane.mast.1"].shape.path == found
     ros = put_crane(tmp_path / "crane_description", urdf=URDF.replace("meshes/", "package://crane_description/meshes/"))
     assert read_problem(ros).parts["crane.mast.1"].shape.path.is_file()
 
