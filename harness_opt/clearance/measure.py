@@ -42,7 +42,7 @@ from harness_opt.clearance.to_part import against_part, places
 from harness_opt.clearance.what_counts import domains, least_gap, let_off
 from harness_opt.clearance.witnesses import DECIDES, LONG, Certificate, Found, Task, Witnesses, never
 from harness_opt.model import checks
-from harness_opt.model.bodies import WORLD, Body
+from harness_opt.model.bodies import WORLD
 from harness_opt.model.cable import End
 from harness_opt.model.limits import Obstacle
 from harness_opt.model.problem import Problem
@@ -223,17 +223,17 @@ class _Views:
         self._seen.clear()
 
     def seen(self, cable: str, body: str) -> Seen:
-        """Return the centreline of ``cable`` from ``body``: in its coordinates where it carries an end."""
+        """Return ``cable`` from ``body``, in the world or on a body of its ends: where ``body`` moves least."""
         if (cable, body) in self._seen:
             return self._seen[cable, body]
         if len(self._seen) == MOST_VIEWS:
             self._seen.clear()
         problem, run = self._problem, self._problem.cables[cable]
-        rides = body in (run.start.body, run.end.body)
-        poses = Body().poses if rides else functools.partial(problem.poses, body)
-        rates = functools.partial(problem.rates, WORLD if rides else body)
+        own = min((WORLD, run.start.body, run.end.body), key=functools.partial(problem.joints_between, body))
+        poses = functools.partial(problem.poses_from, own, body)
+        rates = functools.partial(problem.rates, body, view=own)
         clamps = (self._clamp(run.start, body), self._clamp(run.end, body))
-        view = self._seen[cable, body] = Seen(self.curve(cable, body if rides else WORLD), poses, rates, clamps)
+        view = self._seen[cable, body] = Seen(self.curve(cable, own), poses, rates, clamps)
         return view
 
     def _clamp(self, end: End, body: str) -> Callable[[Array], Array] | None:

@@ -1,4 +1,4 @@
-"""Files that a problem file names: meshes, which are looked for, and libraries of cables, which are read.
+"""Files that a problem file names: meshes, which are looked for, libraries of cables and robots, which are read.
 
 A library is a TOML file with a table for each cable. ``from = "my_cables.toml#power"`` takes from its table ``[power]``
 what the cable does not say itself.
@@ -6,17 +6,32 @@ what the cable does not say itself.
 
 from __future__ import annotations
 
+import hashlib
+import json
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
+from harness_opt.errors import ProblemError
+from harness_opt.files.bodies import MOST_TABLE_BYTES, PER_UNIT, RobotTable, numbers_of
 from harness_opt.files.places import MEGABYTE, MOST_MESH_BYTES, Places
 from harness_opt.files.schema import PART_SHAPES
+from harness_opt.model.between import is_name, mistakes_between
+from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.checks import INVALID, KeyPath, Mistake, Tree, one_of, shown, table, value
-from harness_opt.model.parts import mesh_mistakes
+from harness_opt.model.parts import UNITLESS_MESHES, Y_UP, Robot, mesh_mistakes
+from harness_opt.robots.links import Program, bodies_of, limit_warnings, part_of, program_mistakes, shapes_of
+from harness_opt.robots.packages import mesh_candidates, package_folders
+from harness_opt.robots.urdf import Description, Shape, description_of
 
 MOST_LIBRARY_BYTES = MEGABYTE
+MOST_URDF_BYTES = 20 * MEGABYTE
+PACKAGE = "package:"  # begins the name of a URDF in an installed Python package
+PACKAGE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 OF_A_LIBRARY = (
     "diameter", "bending_stiffness", "torsional_stiffness", "density", "mass_per_length", "rest_curvature",
     "bend_radius_factors",
@@ -144,6 +159,195 @@ def _table_of(reference: str, places: Places, own: Path) -> Mapping[str, Any]:
 def library_of(reference: str, places: Places) -> Path:
     """Return the file of a reference such as ``my_cables.toml#power``."""
     return places.located(reference.partition("#")[0])
+
+
+# --- robots --------------------------------------------------------------------------------------------
+
+
+def robots_of(tree: Tree, places: Places, pending: Mapping[Path, bytes]) -> tuple[dict[str, Robot], list[Mistake]]:
+    """Return the robots whose tables are in order, and the mistakes in their files.
+
+    Args:
+        tree: the tables, with ``INVALID`` for values that are known to be wrong.
+        places: where their files may lie.
+        pending: contents of programs that are yet to be written, by absolute path.
+    """
+    found: dict[str, Robot] = {}
+    mistakes: list[Mistake] = []
+    for name, given in table(tree, "robots").items():
+        try:
+            robot = RobotTable.model_validate(given)
+        except ValidationError:
+            continue  # named already when the whole file was structured
+        if not is_name(name):
+            continue  # named by the checks between keys
+        wrong = [((key,), f"found {words} without a program, expected it beside program only")
+                 for key, words in (("unit", "a unit"), ("program_sha256", "a SHA-256"))
+                 if key in given and robot.program is None]  # fmt: skip
+        made, more = _robot(name, robot, places, pending)
+        mistakes += [(("robots", name, *path), words) for path, words in (*wrong, *more)]
+        if made is not None:
+            found[name] = made
+    bodies = {WORLD, *table(tree, "bodies"), *(link for robot in found.values() for link in robot.bodies)}
+    for name, one in found.items():
+        if one.base.parent not in bodies:
+            words = f"found {shown(one.base.parent)}, expected {one_of(sorted(bodies), one.base.parent)}"
+            mistakes.append((("robots", name, "base", "body"), words))
+        for section, given in (("bodies", one.bodies), ("parts", one.parts)):
+            for taken in given.keys() & table(tree, section).keys():
+                words = f"found a name that robot {shown(name)} gives to a link, expected another"
+                mistakes.append(((section, taken), words))
+    return found, mistakes
+
+
+def between_with(tree: Tree, robots: Mapping[str, Robot]) -> Iterator[Mistake]:
+    """Yield the mistakes that only several keys show, the links and parts of robots among the others."""
+    bodies, parts = dict(table(tree, "bodies")), dict(table(tree, "parts"))
+    for robot in robots.values():
+        base = robot.base.parent
+        bodies |= {
+            name: {"parent": INVALID if one.parent == base else one.parent} for name, one in robot.bodies.items()
+        }
+        parts |= {name: {"body": one.body} for name, one in robot.parts.items()}
+    lacking = [f"found {json.dumps(name)[:-1]}." for name in table(tree, "robots") if name not in robots]
+    joined = {**tree, "bodies": bodies, "parts": parts} if robots else tree
+    for path, words in mistakes_between(joined):
+        if not words.startswith(tuple(lacking)):  # what a robot with mistakes would have had is no mistake of others
+            yield path, words
+
+
+def _robot(
+    name: str, given: RobotTable, places: Places, pending: Mapping[Path, bytes]
+) -> tuple[Robot | None, list[Mistake]]:
+    """Return a robot with its bodies and parts, or its mistakes, by keys of its table."""
+    urdf = ("urdf",)
+    try:
+        file, own = _urdf_file(given.urdf, places)
+        content = file.read_bytes()
+        described = description_of(content, given.meshes)
+    except Refused as error:
+        return None, [(urdf, str(error))]
+    except ProblemError as error:
+        return None, [(urdf, line) for line in error.mistakes]
+    mistakes: list[Mistake] = []
+    files, program = [(file, hashlib.sha256(content).hexdigest())], None
+    if given.program is not None:
+        try:
+            table_file, data = _program_file(given, places, pending)
+            files.append((table_file, hashlib.sha256(data).hexdigest()))
+            program = _program(data, table_file, given.unit, described)
+        except ProblemError as error:
+            mistakes += [(("program",), line) for line in error.mistakes]
+    shapes, wrong = shapes_of(name, described, given.leave_out)
+    mistakes += [(("leave_out",), words) for words in wrong]
+    meshes, wrong = _mesh_files(shapes, file, own)
+    mistakes += [(urdf, words) for words in wrong]
+    if mistakes:
+        return None, mistakes
+    base = Body(None, given.base.body, given.base.position, given.base.quaternion)
+    try:
+        bodies = bodies_of(name, described, base, program)
+        parts = {
+            key: part_of(name, link, shape, meshes.get(shape.mesh), given.shell)
+            for key, (link, shape) in shapes.items()
+        }
+        doubts = tuple(limit_warnings(described, program))
+    except ProblemError as error:
+        return None, [(urdf, line) for line in error.mistakes]
+    return Robot(
+        urdf=given.urdf if given.urdf.startswith(PACKAGE) else file,
+        base=base,
+        program=None if given.program is None else files[1][0],
+        unit=given.unit or "rad",
+        meshes=given.meshes,
+        shell=given.shell,
+        leave_out=tuple(given.leave_out),
+        bodies=bodies,
+        parts=parts,
+        files=tuple(files),
+        doubts=doubts,
+    ), []
+
+
+def _urdf_file(name: str, places: Places) -> tuple[Path, Places]:
+    """Return the URDF called ``name``, and where the meshes may lie that it names.
+
+    Raises:
+        Refused: there is none that may be read.
+    """
+    if not name.startswith(PACKAGE):
+        why = places.fault(name, "a URDF", None, MOST_URDF_BYTES)
+        if why:
+            raise Refused(why)
+        if name.lower().endswith(".xacro"):
+            raise Refused(f"found {shown(name)}, a template, expected a URDF: xacro {name} > robot.urdf makes one")
+        return places.located(name), places
+    package, _, rest = name.removeprefix(PACKAGE).partition("/")
+    wanted = f'expected a file of an installed Python package, such as "{PACKAGE}example_robot_data/robots/..."'
+    if not PACKAGE_NAME.fullmatch(package) or not rest or ".." in Path(rest).parts:
+        raise Refused(f"found {shown(name)}, {wanted}")
+    for folder in package_folders(package, rest):
+        own = Places.around(folder)
+        if not own.fault(rest, "a URDF", None, MOST_URDF_BYTES):
+            return own.located(rest), own
+    raise Refused(f"found {shown(name)}, of which nothing is installed here, {wanted}")
+
+
+def _program_file(given: RobotTable, places: Places, pending: Mapping[Path, bytes]) -> tuple[Path, bytes]:
+    name = str(given.program)
+    file = places.located(name)
+    if file in pending:
+        return file, pending[file]
+    why = places.fault(name, "a program", given.program_sha256, MOST_TABLE_BYTES)
+    if why:
+        raise ProblemError(why)
+    return file, file.read_bytes()
+
+
+def _program(content: bytes, file: Path, unit: str | None, described: Description) -> Program:
+    """Return what a CSV table tells the joints to do, rad or m."""
+    wanted = "t and the names of joints, such as t,elbow"
+
+    def fits(names: tuple[str, ...]) -> bool:
+        return names[0] == "t" and len(set(names)) == len(names) > 1
+
+    names, rows = numbers_of(content, file, wanted, fits)
+    wrong = [f"{file.name}: {words}" for words in program_mistakes(described, list(names[1:]))]
+    if wrong:
+        raise ProblemError(wrong)
+    straight = {joint.name for joint in described.joints if joint.kind == "prismatic"}
+    units = [1.0 if name in straight else PER_UNIT[unit or "rad"] for name in names[1:]]
+    columns = (rows[:, 1:] * units).T.tolist()
+    return Program(tuple(rows[:, 0].tolist()), dict(zip(names[1:], map(tuple, columns), strict=True)))
+
+
+def _mesh_files(
+    shapes: Mapping[str, tuple[str, Shape]], urdf: Path, places: Places
+) -> tuple[dict[str, Path], list[str]]:
+    """Return the files of meshes by what a URDF calls them, and what is wrong with others."""
+    found: dict[str, Path] = {}
+    wrong: dict[str, str] = {}
+    known = (*UNITLESS_MESHES, *Y_UP)
+    for link, shape in shapes.values():
+        name = shape.mesh
+        if not name or name in found or name in wrong:
+            continue
+        if Path(name).suffix.lower() not in known:
+            words = f"expected a mesh ending in {one_of(known)}, or to leave it out"
+            wrong[name] = f"link {link}: found {shown(Path(name).name)}, {words}"
+            continue
+        faults = {}
+        for file in mesh_candidates(name, urdf):
+            faults[file] = places.fault(str(file), "a mesh", None, MOST_MESH_BYTES)
+            if not faults[file]:
+                found[name] = places.located(str(file))
+                break
+        else:
+            wrong[name] = f"link {link}, mesh {shown(name)}: {next(iter(faults.values()))}"
+    return found, list(wrong.values())
+
+
+# --- limits --------------------------------------------------------------------------------------------
 
 
 def mistakes_of_limits(tree: Tree) -> Iterator[Mistake]:

@@ -18,10 +18,12 @@ from harness_opt.files.values import (
     AngleUnit,
     Digest,
     Direction,
+    Flag,
     NotNegative,
     Number,
     Positive,
     Quaternion,
+    ShapesOfLinks,
     Table,
     Text,
     TravelUnit,
@@ -136,6 +138,37 @@ class BodyTable(Table):
         default=(1.0, 0.0, 0.0, 0.0), description="How it stands there, scalar first; left out, as the parent."
     )
     motion: MotionTable | None = Field(default=None, description="How the body moves: hinge, slide or poses.")
+
+
+class BaseTable(Table):
+    """Where a robot's root stands."""
+
+    body: Text = Field(
+        default="world", description="Name of the body that carries it, such as a link of another robot."
+    )
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="In that body's coordinates, m.")
+    quaternion: Quaternion = Field(default=(1.0, 0.0, 0.0, 0.0), description="In these, scalar first.")
+
+
+class RobotTable(Table):
+    """A robot by its URDF: each link is a body NAME.LINK, with its shapes as parts."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"dependentRequired": {key: ["program"] for key in ("unit", "program_sha256")}}
+    )
+
+    urdf: Text = Field(
+        description='URDF file, relative to this file; or "package:PACKAGE/..." of an installed package.'
+    )
+    base: BaseTable = Field(default=BaseTable(), description="Where its root stands.")
+    program: Text | None = Field(
+        default=None, description="CSV: t in s, then one column a joint by its name, rad or m."
+    )
+    program_sha256: Digest | None = Field(default=None, description=SHA256)
+    unit: AngleUnit | None = Field(default=None, description="Of the program's angles; rad where left out.")
+    meshes: ShapesOfLinks = Field(default="collision", description="Which shapes of its links are parts.")
+    shell: Flag = Field(default=False, description="Whether meshes that are not closed will do.")
+    leave_out: list[Text] = Field(default_factory=list, description="Parts, or links with all of theirs, by name.")
 
 
 # --- reading -------------------------------------------------------------------------------------------

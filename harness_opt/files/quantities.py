@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.files.beside import mistakes_of_limits, mistakes_of_parts, with_cables
+from harness_opt.files.beside import between_with, mistakes_of_limits, mistakes_of_parts, robots_of, with_cables
 from harness_opt.files.places import Places
 from harness_opt.files.quantity_keys import PERCENT, TURNS, Quantity, known, unknown
 from harness_opt.files.read import content_of, parse_problem, problem_from, toml_tables
@@ -20,7 +20,6 @@ from harness_opt.files.schema import ProblemTable
 from harness_opt.files.values import structured
 from harness_opt.files.write import problem_text
 from harness_opt.model import design_variables
-from harness_opt.model.between import mistakes_between
 from harness_opt.model.checks import KeyPath, by_name, dotted
 from harness_opt.model.design import Design, Variable
 from harness_opt.model.parts import MeshFile, Part
@@ -114,7 +113,13 @@ class Quantities(Mapping[str, Quantity]):
             _, tree, wrong = structured(self.changed(values), ProblemTable)
         except ProblemError as error:
             return list(error.mistakes)
-        wrong += [*mistakes_between(tree), *mistakes_of_parts(tree, self.places), *mistakes_of_limits(tree)]
+        robots, of_robots = robots_of(tree, self.places, {})
+        wrong += [
+            *of_robots,
+            *between_with(tree, robots),
+            *mistakes_of_parts(tree, self.places),
+            *mistakes_of_limits(tree),
+        ]
         return [f"{dotted(path)}: {words}" for path, words in wrong]
 
 
@@ -152,6 +157,7 @@ def _inputs(problem: Problem) -> Iterator[Path]:
     """Yield the files that a problem was allowed to read when it was made."""
     yield from (part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile))
     yield from (body.table for body in problem.bodies.values() if body.table is not None)
+    yield from (file for robot in problem.robots.values() for file, _ in robot.files)
 
 
 # --- setting -------------------------------------------------------------------------------------------

@@ -19,7 +19,15 @@ from typing import Any
 
 from harness_opt.errors import ProblemError
 from harness_opt.files import schema as file_schema
-from harness_opt.files.beside import bend_radii, library_of, mistakes_of_limits, mistakes_of_parts, with_cables
+from harness_opt.files.beside import (
+    bend_radii,
+    between_with,
+    library_of,
+    mistakes_of_limits,
+    mistakes_of_parts,
+    robots_of,
+    with_cables,
+)
 from harness_opt.files.bodies import motions_of
 from harness_opt.files.places import MEGABYTE, Places, unreadable
 from harness_opt.files.quantity_keys import robust_mistakes
@@ -27,13 +35,12 @@ from harness_opt.files.schema import schema
 from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.values import structured
 from harness_opt.files.whole_folder import write_whole
-from harness_opt.model.between import mistakes_between
 from harness_opt.model.bodies import Body, BodyMotion, Hinge, Slide, seconds_of
 from harness_opt.model.cable import Cable, CableRun, Clip, End
 from harness_opt.model.checks import Mistake, coupling, dotted, shown
 from harness_opt.model.courses import Moves
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
-from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Robot, Solid, Sphere
 from harness_opt.model.problem import Problem
 
 __all__ = ["parse_problem", "read_problem", "schema", "write_problem"]
@@ -43,7 +50,7 @@ MOST_KEYS = 50_000  # of all its tables
 DEEPEST = 32  # tables within tables; none of ours lies deeper than five
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""  # of a dotted key, bare or quoted
 LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}{_PART}[.\]=]")
-MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000}
+MOST_NAMES = {"cables": 100, "bodies": 1000, "parts": 1000, "robots": 100}
 _OWN, _OF_A_STUDY = {"cables", "bodies", "parts"}, {"vary", "variants", "problem"}  # tables of either kind of file
 NEAR = 20  # letters that are shown around one that cannot be written
 CLOCK = 1e-9  # of a motion's seconds, by which two of them differ in rounding
@@ -153,12 +160,14 @@ def problem_from(
     tables, tree, mistakes = structured(raw, file_schema.ProblemTable)
     told = {path for path, _ in of_libraries}
     mistakes = [*of_libraries, *(mistake for mistake in mistakes if mistake[0] not in told)]
-    mistakes += [*mistakes_between(tree), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
+    robots, wrong = robots_of(tree, places, pending or {})
+    mistakes += [*wrong, *between_with(tree, robots), *mistakes_of_parts(tree, places), *mistakes_of_limits(tree)]
     motions, wrong = motions_of(tree, places, pending or {})
     mistakes += wrong
     duration = 1.0
     if tables is not None:
-        motions, duration, wrong = on_one_clock(motions, tables.motion)
+        links = {name: body.motion for robot in robots.values() for name, body in robot.bodies.items()}
+        motions, duration, wrong = on_one_clock({**motions, **links}, tables.motion)
         mistakes += wrong
     if tables is not None and tables.robust is not None:
         mistakes += robust_mistakes(tables, tables.robust)
@@ -167,7 +176,7 @@ def problem_from(
         left = len(mistakes) - len(lines)
         raise ProblemError([*lines, f"{file}: found {left:,} more mistakes, expected none"] if left else lines)
     with naming(file):
-        return _problem(tables, motions, duration, places, file)
+        return _problem(tables, motions, duration, robots, places, file)
 
 
 @contextlib.contextmanager
@@ -183,17 +192,23 @@ def _problem(
     tables: file_schema.ProblemTable,
     motions: Mapping[str, BodyMotion | None],
     duration: float,
+    robots: Mapping[str, Robot],
     places: Places,
     file: Path,
 ) -> Problem:
     bend_radius, own_radii = bend_radii(tables.limits, tables.cables)
+    bodies = {
+        name: Body(motions[name], body.parent, body.position, body.quaternion) for name, body in tables.bodies.items()
+    }
+    parts = {name: _part(part, places) for name, part in tables.parts.items()}
+    for robot in robots.values():
+        bodies |= robot.bodies
+        parts |= robot.parts
     return Problem(
         cables={name: _cable_run(cable, own_radii[name]) for name, cable in tables.cables.items()},
-        bodies={
-            name: Body(motions[name], body.parent, body.position, body.quaternion)
-            for name, body in tables.bodies.items()
-        },
-        parts={name: _part(part, places) for name, part in tables.parts.items()},
+        bodies=bodies,
+        parts=parts,
+        robots=robots,
         gravity=tables.gravity,
         limits=_limits(tables.limits, bend_radius),
         design=_design(tables.design),
@@ -332,7 +347,9 @@ def _shape(part: file_schema.PartTable, places: Places) -> MeshFile | Solid:
         return Cylinder(part.cylinder.radius, part.cylinder.length)
     if part.capsule is not None:
         return Capsule(part.capsule.radius, part.capsule.length)
-    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up, part.mesh_scale)
+    given = 1.0 if part.mesh_scale is None else part.mesh_scale
+    scale = given if isinstance(given, tuple) else (given, given, given)
+    return MeshFile(places.located(str(part.mesh)), part.mesh_unit, part.shell, part.up, scale)
 
 
 def _limits(limits: file_schema.LimitsTable, bend_radius: float | None) -> Limits:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field
 
-from harness_opt.files.bodies import BodyTable
+from harness_opt.files.bodies import BodyTable, RobotTable
 from harness_opt.files.tolerance_table import ToleranceTable
 from harness_opt.files.values import (
     BendFactor,
@@ -183,8 +183,8 @@ class PartTable(Table):
         default=None,
         description="Unit of the mesh's coordinates; required for formats that carry none (STL, OBJ, PLY).",
     )
-    mesh_scale: Scale = Field(
-        default=(1.0, 1.0, 1.0), description="By which its x, y and z are multiplied; below 0 mirrors."
+    mesh_scale: Scale | None = Field(
+        default=None, description="By which it is multiplied; or [x, y, z], each of its axes; below 0 mirrors."
     )
     mesh_sha256: Digest | None = Field(
         default=None,
@@ -295,6 +295,7 @@ class ProblemTable(Table):
     gravity: Vector = Field(default=(0.0, 0.0, 0.0), description="m/s2; leave out for weightless.")
     cables: dict[str, CableTable] = Field(description="The cables by name.", min_length=1)
     bodies: dict[str, BodyTable] = Field(default_factory=dict, description='The bodies by name, without "world".')
+    robots: dict[str, RobotTable] = Field(default_factory=dict, description="Robots by name: bodies and parts by URDF.")
     motion: PathTable = Field(default=PathTable(), description="How finely the motion is followed and played back.")
     parts: dict[str, PartTable] = Field(default_factory=dict, description="The solids to stay clear of, by name.")
     limits: LimitsTable = Field(default=LimitsTable(), description="What must hold at every moment.")

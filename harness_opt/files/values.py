@@ -65,10 +65,10 @@ def _nonzero(v: tuple[float, ...]) -> tuple[float, ...]:
     return v
 
 
-def _no_zeros(v: tuple[float, ...]) -> tuple[float, ...]:
-    if not all(abs(number) >= SMALLEST for number in v):
-        raise PydanticCustomError("expected", "[x, y, z], three numbers that are not 0")
-    return v
+def _no_zeros(scale: float | tuple[float, ...]) -> float | tuple[float, ...]:
+    if not all(abs(number) >= SMALLEST for number in (scale if isinstance(scale, tuple) else (scale,))):
+        raise PydanticCustomError("expected", "a number that is not 0, or [x, y, z], three such numbers")
+    return scale
 
 
 def _bounded(number: float) -> float:
@@ -128,7 +128,12 @@ Bounds = Annotated[
 RollWord = Annotated[Literal["untwisted", "free"], Expected(one_of(("untwisted", "free")))]
 MotionValue = Annotated[float, Field(strict=True, ge=0, le=1), Expected("a number from 0 to 1")]
 MeshUnit = Annotated[Literal["m", "cm", "mm", "in"], Expected(one_of(MESH_UNITS))]
-Scale = Annotated[_Triple, Expected("[x, y, z], three numbers that are not 0"), AfterValidator(_no_zeros)]
+Scale = Annotated[
+    _Finite | _Triple,
+    Expected("a number that is not 0, or [x, y, z], three such numbers"),
+    AfterValidator(_no_zeros),
+]
+ShapesOfLinks = Annotated[Literal["collision", "visual"], Expected(one_of(("collision", "visual")))]
 AngleUnit = Annotated[Literal["rad", "deg"], Expected(one_of(("rad", "deg")))]
 TravelUnit = Annotated[Literal["m", "mm"], Expected(one_of(("m", "mm")))]
 UpAxis = Annotated[Literal["y", "z"], Expected(one_of(UP_AXES))]

@@ -15,13 +15,13 @@ from tomlkit.items import InlineTable, Item, Table
 
 from harness_opt.errors import ProblemError
 from harness_opt.files.bodies import HEADER, WAYS, parse_poses, parse_values
-from harness_opt.files.places import Places
+from harness_opt.files.places import MOST_MESH_BYTES, Places, digest
 from harness_opt.files.tolerance_table import content_of
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Poses
 from harness_opt.model.cable import Cable, CableRun, End
 from harness_opt.model.courses import Moves, ValueTable
 from harness_opt.model.design import Limits
-from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Solid, Sphere
+from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Robot, Solid, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 
@@ -55,8 +55,11 @@ def problem_text(problem: Problem, file: Path) -> tuple[str, dict[Path, bytes]]:
         ],
     )
     _section(document, "cables", {name: _cable(run) for name, run in problem.cables.items()})
-    bodies = {name: _body(name, body, file, pending) for name, body in problem.bodies.items()}
+    robots = {name: robot for name, robot in problem.robots.items() if _is_as_read(robot, problem, places)}
+    told = {name for robot in robots.values() for name in (*robot.bodies, *robot.parts)}
+    bodies = {name: _body(name, body, file, pending) for name, body in problem.bodies.items() if name not in told}
     _section(document, "bodies", bodies)
+    _section(document, "robots", {name: _robot(robot, places) for name, robot in robots.items()})
     step = None if problem.spatial_step is None else float(problem.spatial_step)
     path = [
         ("duration", float(problem.duration), "s, for playback"),
@@ -64,7 +67,7 @@ def problem_text(problem: Problem, file: Path) -> tuple[str, dict[Path, bytes]]:
         ("spatial_step", step, "m, most that a clamp moves between two solved frames"),
     ]
     document["motion"] = _fill(tomlkit.table(), path)
-    _section(document, "parts", {name: _part(part, places) for name, part in problem.parts.items()})
+    _section(document, "parts", {name: _part(part, places) for name, part in problem.parts.items() if name not in told})
     limits = _fill(tomlkit.table(), _limit_rows(problem.limits))
     if limits:
         document["limits"] = limits
@@ -183,6 +186,48 @@ def _body(name: str, body: Body, file: Path, pending: dict[Path, bytes]) -> Tabl
     if body.motion is not None:
         table.add("motion", _fill(tomlkit.table(), _motion_rows(name, body.motion, file, pending)))
     found: Table = table
+    return found
+
+
+def _is_as_read(robot: Robot, problem: Problem, places: Places) -> bool:
+    """Return whether a written file may name the URDF: its links and parts are what it says, and it may be read there.
+
+    Else they are written one by one, each mesh with its SHA-256.
+    """
+    as_made = all(problem.bodies.get(name) == body for name, body in robot.bodies.items()) and all(
+        problem.parts.get(name) == part for name, part in robot.parts.items()
+    )
+    files = {part.shape.path for part in robot.parts.values() if isinstance(part.shape, MeshFile)}
+    inside = isinstance(robot.urdf, str) or not any(
+        places.fault(str(file), "", None, MOST_MESH_BYTES) for file in (robot.urdf, *files)
+    )
+    if not (as_made and inside):
+        return False
+    try:
+        return all(digest(file) == sha256 for file, sha256 in robot.files)
+    except OSError:
+        return False
+
+
+def _robot(robot: Robot, places: Places) -> Table:
+    base = robot.base
+    stands = [
+        ("body", base.parent if base.parent != WORLD else None, ""),
+        ("position", _numbers(base.position), ""),
+        ("quaternion", _numbers(base.quaternion), ""),
+    ]
+    program = robot.program
+    rows: Rows = [
+        ("urdf", robot.urdf if isinstance(robot.urdf, str) else _relative(robot.urdf, places.folder), ""),
+        ("base", _inline(stands) if base.is_placed or base.parent != WORLD else None, ""),
+        ("program", None if program is None else _relative(program, places.folder), "t, joints"),
+        ("program_sha256", None if program is None else places.sha256_of(program), ""),
+        ("unit", robot.unit if program is not None and robot.unit != "rad" else None, ""),
+        ("meshes", robot.meshes if robot.meshes != "collision" else None, "collision | visual"),
+        ("shell", True if robot.shell else None, ""),
+        ("leave_out", list(robot.leave_out) or None, ""),
+    ]
+    found: Table = _fill(tomlkit.table(), rows)
     return found
 
 

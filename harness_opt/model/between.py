@@ -35,6 +35,7 @@ from harness_opt.model.spans import too_short
 
 LONGEST_NAME = 100  # letters; names become file names and array names
 NAME_MARKS = " _-"  # what names may hold beside letters and digits: they become file names and array names
+LINK_MARK = "."  # in names of bodies and parts, as robots' links have them
 KINDS = {"cables": CableRun, "bodies": Body, "parts": Part}
 AT_LEAST_0 = ("clearance",)  # of the limits; the others are above 0
 
@@ -58,15 +59,16 @@ def mistakes_between(tree: Tree) -> Iterator[Mistake]:
 
 
 def _names(tree: Tree) -> Iterator[Mistake]:
-    for section in ("cables", "bodies", "parts"):
+    for section in ("cables", "bodies", "parts", "robots"):
         for name in table(tree, section):
             if len(name) > LONGEST_NAME:
                 yield (
                     (section, name[:LONGEST_NAME]),
                     f"found a longer name, expected {LONGEST_NAME} letters at most",
                 )
-            elif why := _name_mistake(name):
-                yield (section, name), why
+            elif not is_name(name, LINK_MARK if section in ("bodies", "parts") else ""):
+                words = "expected a name of letters, digits, spaces, _ and -"
+                yield (section, name), f"found the name {shown(name)}, {words}"
     if WORLD in table(tree, "bodies"):
         yield (
             ("bodies", WORLD),
@@ -74,11 +76,10 @@ def _names(tree: Tree) -> Iterator[Mistake]:
         )
 
 
-def _name_mistake(name: str) -> str:
-    """Return what is wrong about a name; nothing of a good one."""
-    if not name or name != name.strip() or not all(c.isalnum() or c in NAME_MARKS for c in name):
-        return f"found the name {shown(name)}, expected a name of letters, digits, spaces, _ and -"
-    return ""
+def is_name(name: str, also: str = "") -> bool:
+    """Return whether ``name`` holds what names may hold, or the marks ``also``."""
+    plain = all(c.isalnum() or c in NAME_MARKS + also for c in name)
+    return bool(name) and name == name.strip(" .") and plain
 
 
 def _body(tree: Tree, path: KeyPath, owner: Tree, key: str = "body") -> Iterator[Mistake]:
@@ -145,8 +146,9 @@ def _clips(path: KeyPath, cable: Tree) -> Iterator[Mistake]:
         if name in NO_CLIP or names.count(name) > 1:
             words = "a name of its own" if name not in NO_CLIP else f"another name than {', '.join(NO_CLIP)}"
             yield (*here, "name"), f"found {shown(name)}, expected {words}"
-        elif isinstance(name, str) and (why := _name_mistake(name)):
-            yield (*here, "name"), why
+        elif isinstance(name, str) and not is_name(name):
+            words = "expected a name of letters, digits, spaces, _ and -"
+            yield (*here, "name"), f"found the name {shown(name)}, {words}"
         yield from _held(here, clip)
         if isinstance(at, (int, float)):
             if not at > last:
@@ -325,7 +327,7 @@ def _part_values(found: checks.Gathered, path: tuple[str, ...], part: Part) -> N
         with found:
             checks.numbers(f"{key}.mesh_scale", shape.scale, 3)
             if not all(shape.scale):
-                words = "expected [x, y, z], three numbers that are not 0"
+                words = "expected a number that is not 0, or [x, y, z], three such numbers"
                 raise ProblemError(f"{key}.mesh_scale: found {shown(shape.scale)}, {words}")
         return
     kind = f"{key}.{type(shape).__name__.lower()}"

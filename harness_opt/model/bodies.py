@@ -82,6 +82,25 @@ class Rates:
             parent.turning_change + parent.turning * self.turning + self.turning_change,
         )
 
+    def inverse(self, pose: tuple[Array, Array], long: Array) -> Rates:
+        """Return how fast the parent moves as this body sees it, over the same stretches.
+
+        That is bounds on the parent's point X that this body's point y is at in the middle of the stretch, as
+        ``R^T (X - y)`` with a way ``X - y`` of at most half a stretch's; what turns the body turns the parent as fast.
+
+        Args:
+            pose: of the body in the parent in the middle of each stretch, (k, 3), (k, 4).
+            long: of the stretches, (k,).
+        """
+        away = 0.5 * long * self.speed
+        return Rates(
+            rotations.rotate(rotations.conjugate(pose[1]), self.centre - pose[0]),
+            self.speed + self.turning * away,
+            self.acceleration + 2.0 * self.turning * self.speed + (self.turning_change + self.turning**2) * away,
+            self.turning,
+            self.turning_change,
+        )
+
 
 @dataclass(frozen=True)
 class Hinge:
@@ -315,6 +334,12 @@ def seconds_of(motion: BodyMotion | None) -> float | None:
 def composed(outer: tuple[Array, Array], inner: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return the poses (P, 3), (P, 4) of what stands at ``inner`` in a body that itself stands at ``outer``."""
     return outer[0] + rotations.rotate(outer[1], inner[0]), rotations.multiply(outer[1], inner[1])
+
+
+def seen_from(outer: tuple[Array, Array], pose: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the poses (P, 3), (P, 4) in a body that stands at ``outer`` of what stands at ``pose``."""
+    back = rotations.conjugate(outer[1])
+    return rotations.rotate(back, pose[0] - outer[0]), rotations.multiply(back, pose[1])
 
 
 def chain(bodies: Mapping[str, Body], name: str) -> list[Body]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from harness_opt.model.bodies import WORLD
+from harness_opt.model.bodies import WORLD, Body
 from harness_opt.model.checks import Quaternion, Vector, one_of, shown
 from harness_opt.numerics import rotations
 
@@ -107,3 +107,33 @@ class Part:
     position: Vector = (0.0, 0.0, 0.0)
     quaternion: Quaternion = rotations.IDENTITY
     clearance: float | None = None
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Where bodies and parts of a problem come from that a URDF describes: its links, ``NAME.LINK``.
+
+    Args:
+        urdf: its file, or "package:PACKAGE/..." for one of an installed Python package.
+        base: where its root stands, and on which body.
+        program: table of what its joints do; None where they stand still.
+        unit: of the angles in that, "rad" or "deg".
+        meshes: which shapes of its links are parts, "collision" or "visual".
+        shell: whether meshes that are not closed will do.
+        leave_out: parts, or links with all of theirs, that it goes without.
+        bodies, parts: what it was made to.
+        files: those of the URDF and the program, with the SHA-256 that they had.
+        doubts: what is hardly meant, a line each: joints beyond their limits.
+    """
+
+    urdf: str | Path
+    base: Body = field(default_factory=Body)
+    program: Path | None = None
+    unit: str = "rad"
+    meshes: Literal["collision", "visual"] = "collision"
+    shell: bool = False
+    leave_out: tuple[str, ...] = ()
+    bodies: Mapping[str, Body] = field(default_factory=dict)
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    files: tuple[tuple[Path, str], ...] = ()
+    doubts: tuple[str, ...] = ()

@@ -114,8 +114,11 @@ def _surroundings(problem: Problem) -> Iterator[str]:
         yield f"gravity: found {size:g} m/s2, more than on Jupiter"
     elif problem.gravity[2] > 0.5 * size > 0:
         yield f"gravity: found {problem.gravity[2]:g} m/s2 along z, which is up"
+    of_robots = {name for robot in problem.robots.values() for name in robot.bodies}  # these have doubts of their own
+    for name, robot in problem.robots.items():
+        yield from (f"robots.{name}: {words}" for words in robot.doubts)
     for name, body in problem.bodies.items():
-        key, motion = f"bodies.{name}.motion", body.motion
+        key, motion = f"bodies.{name}.motion", None if name in of_robots else body.motion
         if not isinstance(motion, (Hinge, Slide)):
             continue
         low, high = sorted((motion.start, motion.stop)) if motion.follows is None else motion.follows.range
@@ -132,13 +135,18 @@ def _surroundings(problem: Problem) -> Iterator[str]:
 
 
 def _clocks(problem: Problem) -> Iterator[str]:
-    """Yield bodies that go through their times faster or slower than another does."""
-    told = {name: seconds for name, body in problem.bodies.items() if (seconds := seconds_of(body.motion)) is not None}
-    longest = max(told, key=lambda name: told[name], default="")
-    for name, seconds in told.items():
-        if not math.isclose(seconds, told[longest], rel_tol=1e-6):
-            words = f"found {seconds:.6g} s, where that of {longest} takes {told[longest]:.6g} s"
-            yield f"bodies.{name}.motion: {words}; each is gone through over the whole motion"
+    """Yield what goes through its times faster or slower than another does: bodies, and programs of robots."""
+    owners = {link: (name, f"robots.{name}.program") for name, one in problem.robots.items() for link in one.bodies}
+    told: dict[tuple[str, str], float] = {}
+    for name, body in problem.bodies.items():
+        seconds = seconds_of(body.motion)
+        if seconds is not None:
+            told[owners.get(name, (name, f"bodies.{name}.motion"))] = seconds
+    longest = max(told, key=lambda one: told[one], default=None)
+    for one, seconds in told.items():
+        if longest is not None and not math.isclose(seconds, told[longest], rel_tol=1e-6):
+            words = f"found {seconds:.6g} s, where that of {longest[0]} takes {told[longest]:.6g} s"
+            yield f"{one[1]}: {words}; each is gone through over the whole motion"
 
 
 def _lengths(problem: Problem) -> Iterator[str]:

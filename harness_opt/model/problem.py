@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -20,13 +21,13 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
 from harness_opt.model.between import mistakes_of
-from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, chain, composed
+from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, chain, composed, seen_from
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
 from harness_opt.model.courses import polyline
 from harness_opt.model.design import Design, Limits, Robust
 from harness_opt.model.limits import LimitKind
-from harness_opt.model.parts import MeshFile, Part
+from harness_opt.model.parts import MeshFile, Part, Robot
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -53,6 +54,7 @@ class Problem:
         file: where the problem was read from, or None.
         sha256: of that file's bytes, or None.
         libraries: files that cables of it were taken from.
+        robots: by name, where bodies and parts come from that stand among the others.
     """
 
     cables: Mapping[str, CableRun]
@@ -69,6 +71,7 @@ class Problem:
     file: Path | None = None
     sha256: str | None = None
     libraries: tuple[Path, ...] = ()
+    robots: Mapping[str, Robot] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         mistakes = mistakes_of(self)
@@ -105,26 +108,45 @@ class Problem:
             return Body().poses(motion)
         return functools.reduce(composed, (one.poses(motion) for one in carried))
 
-    def rates(self, body: str, first: Array, last: Array) -> Rates:
+    def poses_from(self, view: str, body: str, motion: ArrayLike) -> tuple[Array, Array]:
+        """Return the poses of ``body`` in the coordinates of the body ``view``, as :meth:`poses`."""
+        if view == WORLD:
+            return self.poses(body, motion)
+        if view == body:
+            return Body().poses(motion)
+        return seen_from(self.poses(view, motion), self.poses(body, motion))
+
+    def rates(self, body: str, first: Array, last: Array, view: str = WORLD) -> Rates:
         """Return bounds on how fast ``body`` moves from motion value ``first`` (k,) to ``last`` (k,).
 
-        A motion there and back turns round at 0.5; no stretch may hold that value within it.
+        That is in the world, or as another body, ``view``, sees it: what carries both does not count then. A motion
+        there and back turns round at 0.5; no stretch may hold that value within it.
         """
         if not self.out_and_back:
-            return self._rates_once(body, first, last)
+            return self._rates_once(body, first, last, view)
         there = np.sort(1.0 - np.abs(2.0 * np.stack([first, last]) - 1.0), axis=0)
-        once = self._rates_once(body, there[0], there[1])
+        once = self._rates_once(body, there[0], there[1], view)
         return Rates(once.centre, 2 * once.speed, 4 * once.acceleration, 2 * once.turning, 4 * once.turning_change)
 
-    def _rates_once(self, body: str, first: Array, last: Array) -> Rates:
-        """Return bounds on how fast ``body`` moves in the world, on the way there."""
-        middle = 0.5 * (first + last)
+    def _rates_once(self, body: str, first: Array, last: Array, view: str) -> Rates:
+        """Return bounds on how fast ``body`` moves as ``view`` sees it, on the way there."""
+        own, other = chain(self.bodies, body), chain(self.bodies, view)
+        both = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] is pair[1], zip(own, other, strict=False)))
+        middle, long = 0.5 * (first + last), last - first
         rates, pose = Rates.steady(np.zeros(3), len(first)), Body().poses(middle)
-        for one in chain(self.bodies, body):
-            if one.motion is not None:  # what is fixed to its parent moves as that does
-                rates = one.motion.rates(first, last).carried(rates, pose, last - first)
-            pose = composed(pose, one.poses(middle))
+        for one in other[both:]:
+            rates, pose = _followed(one, rates, pose, first, last)
+        if both < len(other):
+            rates, pose = rates.inverse(pose, long), seen_from(pose, Body().poses(middle))
+        for one in own[both:]:
+            rates, pose = _followed(one, rates, pose, first, last)
         return rates
+
+    def joints_between(self, body: str, other: str) -> int:
+        """Return how many motions lie between two bodies: those that carry one of them and not the other."""
+        chains = [chain(self.bodies, name) for name in (body, other)]
+        both = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] is pair[1], zip(*chains, strict=False)))
+        return sum(one.motion is not None for carried in chains for one in carried[both:])
 
     def ends(self, cable: str, motion: ArrayLike) -> list[tuple[End, End]]:
         """Return the start and end of ``cable`` in world coordinates at each ``motion`` (P,) from 0 to 1."""
@@ -157,6 +179,15 @@ class Problem:
         """Return the limit that holds for ``part``, m: its own, or the general one."""
         own = self.parts[part].clearance
         return self.limits.clearance if own is None else own
+
+
+def _followed(
+    body: Body, rates: Rates, pose: tuple[Array, Array], first: Array, last: Array
+) -> tuple[Rates, tuple[Array, Array]]:
+    """Return rates and pose of ``body`` from those of its parent; what is fixed to that moves as it does."""
+    if body.motion is not None:
+        rates = body.motion.rates(first, last).carried(rates, pose, last - first)
+    return rates, composed(pose, body.poses(0.5 * (first + last)))
 
 
 def given_problem(problem: object) -> Problem:
@@ -196,6 +227,7 @@ def input_files(problem: Problem) -> list[Path]:
     """Return the files that ``problem`` was read from and still needs."""
     files = [part.shape.path for part in problem.parts.values() if isinstance(part.shape, MeshFile)]
     files += [body.table for body in problem.bodies.values() if body.table is not None]
+    files += [file for robot in problem.robots.values() for file, _ in robot.files]
     return [*files, *problem.libraries, *([problem.file] if problem.file else [])]
 
 

@@ -54,7 +54,7 @@ def _carried(problem: Problem, meshes: Mapping[str, MeshFile]) -> Problem:
         for name, part in problem.parts.items()
     }
     bodies = {name: body.without_file for name, body in problem.bodies.items()}
-    return dataclasses.replace(problem, parts=parts, bodies=bodies, file=None, sha256=None)
+    return dataclasses.replace(problem, parts=parts, bodies=bodies, robots={}, file=None, sha256=None)
 
 
 def _write_ply(file: Path, mesh: Mesh) -> None:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness_opt.errors import ProblemError
+from harness_opt.files.beside import PACKAGE, robots_of
 from harness_opt.files.places import Places
 from harness_opt.files.quantities import Quantities, Tree
 from harness_opt.model.checks import table
@@ -63,6 +64,7 @@ class Shared:
         # a variant may name other files, by a key of its own or within a table
         varied = [values for values in variants if any(isinstance(value, (str, dict)) for value in values.values())]
         names |= {name for values in varied for _, _, name in _files(quantities.changed(values))}
+        names |= _meshes_of_robots(quantities)
         places = quantities.places
         hashes = tuple((name, sha256(places.located(name))) for name in sorted(names))
         told = {key: value for key, value in quantities.tree.items() if key not in SILENT}
@@ -100,6 +102,17 @@ def _files(tree: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], str, str]]
         motion = table(body, "motion")
         if isinstance(motion.get("file"), str):
             yield motion, "file", motion["file"]  # type: ignore[misc]
+    for robot in table(tree, "robots").values():
+        for key in ("urdf", "program"):
+            if isinstance(robot.get(key), str) and not robot[key].startswith(PACKAGE):
+                yield robot, key, robot[key]
+
+
+def _meshes_of_robots(quantities: Quantities) -> set[str]:
+    """Return the absolute paths of meshes that URDFs name, not those of installed packages."""
+    robots, _ = robots_of(quantities.tree, quantities.places, {})
+    parts = (part for robot in robots.values() if isinstance(robot.urdf, Path) for part in robot.parts.values())
+    return {str(part.shape.path) for part in parts if isinstance(part.shape, MeshFile)}
 
 
 def version() -> str:

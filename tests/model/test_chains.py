@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import harness_opt as ho
+from harness_opt.model.bodies import Rates
 from harness_opt.numerics import rotations
 from oracles.chains import closed_form, random_motion, three_hinges
 from oracles.problems import shipped
@@ -57,11 +61,13 @@ def test_a_placed_body_turns_about_a_line_of_its_parent():
     np.testing.assert_allclose(problem.poses("b", [1.0])[0], [[1, 1, 1]], atol=1e-15)
 
 
-def speeds(problem: ho.Problem, body: str, at: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, ...]:
+Poses = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def speeds(poses: Poses, at: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return by central differences the speed and acceleration of ``point`` (k, 3) of a body, then its angular ones."""
     h = 1e-4
-    poses = [problem.poses(body, at + k * h) for k in (-1, 0, 1)]
-    (back, now, ahead), turns = zip(*poses, strict=True)
+    (back, now, ahead), turns = zip(*[poses(at + k * h) for k in (-1, 0, 1)], strict=True)
     held = rotations.rotate(rotations.conjugate(turns[1]), point - now)
     back, now, ahead = (p + rotations.rotate(q, held) for p, q in zip((back, now, ahead), turns, strict=True))
     first, second, third = (Rotation.from_quat(q, scalar_first=True) for q in turns)
@@ -70,29 +76,60 @@ def speeds(problem: ho.Problem, body: str, at: np.ndarray, point: np.ndarray) ->
     return tuple(np.linalg.norm(one, axis=1) for one in found)
 
 
+def looseness(rates: Rates, poses: Poses, first: np.ndarray, last: np.ndarray) -> float:
+    """Check rates against fine differences from ``first`` (k,) to ``last`` (k,), and return how far above they are."""
+    middle, turn = poses(0.5 * (first + last))
+    held = rotations.rotate(rotations.conjugate(turn), rates.centre - middle)
+    bounds = np.stack([rates.speed, rates.acceleration, rates.turning, rates.turning_change])
+    most = np.zeros_like(bounds)
+    for share in np.linspace(0, 1, 41):
+        at = np.clip(first + share * (last - first), first + 2e-4, last - 2e-4)
+        position, quaternion = poses(at)
+        most = np.maximum(most, speeds(poses, at, position + rotations.rotate(quaternion, held)))
+    assert np.all(most <= bounds * (1 + 1e-5) + 1e-4), np.max(most - bounds)
+    return float(np.median((bounds + 1e-6) / (most + 1e-6)))
+
+
+# a carries b, which carries c; a carries d too, and e is fixed to that
+TREE = {"a": "world", "b": "a", "c": "b", "d": "a", "e": "d"}
+
+
 @pytest.mark.parametrize("back", [False, True])
-def test_rates_of_chains_bound_fine_differences(rng, back):
-    """Of three motions of any kind in a row: never faster than the bounds, and these not far above."""
-    looseness = []
-    for _ in range(40):
-        names = ("world", "a", "b", "c")
-        bodies = {name: ho.Body(random_motion(rng), names[k], *placed(rng)) for k, name in enumerate(names[1:])}
+@pytest.mark.parametrize(
+    ("body", "view", "most"),
+    [("c", "world", 3.0), ("c", "a", 3.0), ("a", "c", 4.0), ("c", "d", 4.0), ("e", "c", 4.0), ("world", "b", 4.0)],
+)
+def test_rates_of_chains_bound_fine_differences(rng, back, body, view, most):
+    """Of motions of any kind: never faster than the bounds, and these not far above; in the world, and from bodies."""
+    found = []
+    for _ in range(15):
+        bodies = {
+            name: ho.Body(None if name == "e" else random_motion(rng), parent, *placed(rng))
+            for name, parent in TREE.items()
+        }
         problem = problem_of(bodies, out_and_back=back)
-        cuts = np.sort(np.concatenate([[0.001, 0.5, 0.999], rng.uniform(0.01, 0.99, 5)]))
+        cuts = np.sort(np.concatenate([[0.001, 0.5, 0.999], rng.uniform(0.01, 0.99, 12)]))
         first, last = cuts[:-1], cuts[1:]
-        rates = problem.rates("c", first, last)
-        middle, turn = problem.poses("c", 0.5 * (first + last))
-        held = rotations.rotate(rotations.conjugate(turn), rates.centre - middle)
-        bounds = np.stack([rates.speed, rates.acceleration, rates.turning, rates.turning_change])
-        most = np.zeros_like(bounds)
-        for share in np.linspace(0, 1, 41):
-            at = first + share * (last - first)
-            at = np.clip(at, first + 2e-4, last - 2e-4)
-            position, quaternion = problem.poses("c", at)
-            most = np.maximum(most, speeds(problem, "c", at, position + rotations.rotate(quaternion, held)))
-        assert np.all(most <= bounds * (1 + 1e-5) + 1e-4), np.max(most - bounds)
-        looseness.append(np.median((bounds + 1e-6) / (most + 1e-6)))
-    assert np.median(looseness) < 3.0
+        keep = last - first > 1e-3
+        first, last = first[keep], last[keep]
+        poses = functools.partial(problem.poses_from, view, body)
+        found.append(looseness(problem.rates(body, first, last, view=view), poses, first, last))
+    assert np.median(found) < most
+
+
+def test_what_moves_as_one_is_seen_to_stand_still(rng):
+    bodies = {name: ho.Body(None if name == "e" else random_motion(rng), parent) for name, parent in TREE.items()}
+    problem, at = problem_of(bodies), np.linspace(0, 1, 11)
+    for body, view in (("e", "d"), ("d", "e"), ("c", "c")):
+        rates = problem.rates(body, at[:-1], at[1:], view=view)
+        assert not np.any([rates.speed, rates.acceleration, rates.turning, rates.turning_change])
+        position, quaternion = problem.poses_from(view, body, at)
+        np.testing.assert_allclose(position, 0.0, atol=1e-14)
+        np.testing.assert_allclose(np.abs(quaternion), np.tile([1.0, 0, 0, 0], (11, 1)), atol=1e-14)
+    between = [
+        problem.joints_between(*pair) for pair in (("e", "d"), ("c", "a"), ("c", "e"), ("world", "c"), ("a", "a"))
+    ]
+    assert between == [0, 2, 3, 3, 0]
 
 
 @pytest.mark.parametrize(

@@ -41,3 +41,22 @@ def test_a_scale_is_written_and_read_back(folder):
     again = ho.write_problem(problem, folder / "b.toml")
     assert "mesh_scale = [1.0, -1.0, 2.0]" in again.read_text() and "mesh_scale" not in CONTRACT
     assert same(ho.read_problem(again), problem)
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [
+        ("0", "parts.housing.mesh_scale: found 0, expected a number that is not 0, or [x, y, z], three such numbers"),
+        ("[1, 2]", "parts.housing.mesh_scale: found [1, 2], expected a number that is not 0, or [x, y, z], three such"),
+    ],
+)
+def test_scales_that_are_none(folder, scale, words):
+    file = written(folder, changed(('mesh_unit = "mm"', f'mesh_unit = "mm"\nmesh_scale = {scale}')))
+    with pytest.raises(ho.ProblemError) as error:
+        ho.read_problem(file)
+    assert words in str(error.value)
+
+
+def test_one_number_scales_all(folder):
+    file = written(folder, changed(('mesh_unit = "mm"', 'mesh_unit = "mm"\nmesh_scale = 0.5')))
+    assert ho.read_problem(file).parts["housing"].shape.scale == (0.5, 0.5, 0.5)
