@@ -13,8 +13,12 @@ from harness_opt.parts.scene import Geometry, Mesh
 SIDES = 48  # of a round part
 
 
-def triangles(part: Geometry) -> tuple[Array, Indices]:
+def triangles(part: Geometry, sides: int = SIDES) -> tuple[Array, Indices]:
     """Return the vertices (k, 3), m, and faces (m, 3) of a part in the coordinates of its body.
+
+    Args:
+        part: a mesh, or a primitive.
+        sides: of a round primitive, even.
 
     Raises:
         TypeError: neither a mesh nor a primitive.
@@ -27,7 +31,7 @@ def triangles(part: Geometry) -> tuple[Array, Indices]:
     if isinstance(shape, Box):
         vertices, faces = _box(0.5 * np.array(shape.size))
     else:
-        vertices, faces = _revolved(_profile(shape))
+        vertices, faces = _revolved(_profile(shape, sides), sides)
     return vertices @ matrix(part.quaternion).T + part.position, faces
 
 
@@ -38,12 +42,12 @@ def _box(half: Array) -> tuple[Array, Indices]:
     return half * corners, np.array([(a, *rest) for a, b, c, d in sides for rest in ((b, c), (c, d))])
 
 
-def _profile(shape: Cylinder | Capsule | Sphere) -> Array:
+def _profile(shape: Cylinder | Capsule | Sphere, sides: int) -> Array:
     """Return the outline (k, 2) of a solid of revolution: distance from its axis, z; from its lower pole up."""
     half = 0.5 * getattr(shape, "length", 0.0)
     if isinstance(shape, Cylinder):
         return np.array([[0.0, -half], [shape.radius, -half], [shape.radius, half], [0.0, half]])
-    up = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SIDES // 2 + 1)
+    up = np.linspace(-0.5 * np.pi, 0.5 * np.pi, sides // 2 + 1)
     z = shape.radius * np.sin(up)
     around = np.column_stack([shape.radius * np.cos(up), z])
     if not half:
@@ -53,24 +57,24 @@ def _profile(shape: Cylinder | Capsule | Sphere) -> Array:
     return np.vstack([around[: middle + 1] - lift, around[middle:] + lift])
 
 
-def _revolved(profile: Array) -> tuple[Array, Indices]:
+def _revolved(profile: Array, sides: int) -> tuple[Array, Indices]:
     """Return the surface that ``profile`` (k, 2), from pole to pole, sweeps about the z axis."""
-    angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     radius, z = profile[1:-1].T
     rings = np.stack(
-        [radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle), np.repeat(z[:, None], SIDES, axis=1)],
+        [radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle), np.repeat(z[:, None], sides, axis=1)],
         axis=-1,
     ).reshape(-1, 3)
     low, high = len(rings), len(rings) + 1
     vertices = np.vstack([rings, [0.0, 0.0, profile[0, 1]], [0.0, 0.0, profile[-1, 1]]])
-    here = np.arange(SIDES)
+    here = np.arange(sides)
     after = np.roll(here, -1)
-    faces = [np.column_stack([np.full(SIDES, low), after, here])]
+    faces = [np.column_stack([np.full(sides, low), after, here])]
     for k in range(len(radius) - 1):
-        a, b = k * SIDES + here, k * SIDES + after
-        faces += [np.column_stack([a, b, b + SIDES]), np.column_stack([a, b + SIDES, a + SIDES])]
-    top = (len(radius) - 1) * SIDES
-    faces.append(np.column_stack([np.full(SIDES, high), top + here, top + after]))
+        a, b = k * sides + here, k * sides + after
+        faces += [np.column_stack([a, b, b + sides]), np.column_stack([a, b + sides, a + sides])]
+    top = (len(radius) - 1) * sides
+    faces.append(np.column_stack([np.full(sides, high), top + here, top + after]))
     return vertices, np.vstack(faces)
 
 

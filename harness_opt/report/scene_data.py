@@ -20,6 +20,7 @@ from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
+from harness_opt.parts.primitives import Primitive
 from harness_opt.parts.scene import Scene
 from harness_opt.parts.triangles import on_grid, triangles
 from harness_opt.report import viewpoint
@@ -28,6 +29,7 @@ Json = dict[str, Any]
 
 MOST_STATIONS = 120_000  # of all cables in all frames: 3.5 MB of a page
 MOST_TRIANGLES = 15_000  # of all parts: a fifth of a megabyte of a page
+FEW_SIDES = 20  # of a round primitive among many parts
 MOST_SHORT = 65_536  # vertices that numbers of 16 bits count
 EXTREMES = (0.0, 1.0)  # moments of the motion that are drawn faintly
 
@@ -135,6 +137,10 @@ def looked(back: Array, hold: Array, near: Array) -> Json:
 def part_data(problem: Problem, scene: Scene) -> list[Json]:
     """Return the parts as triangles in the coordinates of their bodies, on a grid of 16-bit numbers."""
     shapes = {name: triangles(part) for name, part in scene.parts.items()}
+    if sum(len(faces) for _, faces in shapes.values()) > MOST_TRIANGLES:  # round parts are still round with fewer
+        shapes |= {
+            name: triangles(part, FEW_SIDES) for name, part in scene.parts.items() if isinstance(part, Primitive)
+        }
     total = sum(len(faces) for _, faces in shapes.values())
     rows = []
     for name, (vertices, faces) in shapes.items():

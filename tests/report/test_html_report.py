@@ -180,7 +180,9 @@ def test_a_page_of_a_hundred_frames_among_forty_parts_is_small(motion):
     shapes = (ho.Sphere(0.01), ho.Box((0.02, 0.03, 0.04)), ho.Cylinder(0.01, 0.04), ho.Capsule(0.01, 0.03))
     parts = {f"part {k} of the crowd": ho.Part(shapes[k % 4], position=tuple(at)) for k, at in enumerate(places)}
     crowded = ho.simulate(flap(parts=parts), frames=np.linspace(0.0, 1.0, 100))
-    assert len(page_of(crowded).encode()) <= MEGABYTES
+    page = page_of(crowded)
+    assert len(page.encode()) <= MEGABYTES
+    assert all(part["triangles"] == part["triangles_of"] for part in data_of(page)["parts"]), "round parts stay round"
 
 
 def test_states_and_scales_follow_the_limits(design):
