@@ -152,6 +152,10 @@ def problem_from(
     raw: dict[str, Any], places: Places, file: Path, pending: Mapping[Path, bytes] | None = None
 ) -> Problem:
     """Return the problem that the nested tables of a TOML file describe; see :func:`parse_problem`."""
+    if not _OWN & raw.keys() and "measurements" in raw:
+        raise ProblemError(
+            f"{file}: found measurements, expected a problem file; they are taken by: harness-opt identify {file}"
+        )
     if not _OWN & raw.keys() and _OF_A_STUDY & raw.keys():
         raise ProblemError(
             f"{file}: found a study, expected a problem file; a study is run by: harness-opt study {file}"

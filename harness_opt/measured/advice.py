@@ -64,7 +64,8 @@ def _further(
     bending, weight = float(cable.bending_stiffness), cable.mass_per_length * float(np.linalg.norm(gravity))  # type: ignore[arg-type]
     found = []
     if weight > 0:
-        length = float(f"{(3.0 * bending / weight) ** (1 / 3):.2g}")  # sags by a third of itself
+        # one that sags by a third of itself, or as much as there is of the cable
+        length = float(f"{min((3.0 * bending / weight) ** (1 / 3), cable.length):.2g}")
         level = Pose(length, End((0.0, 0.0, 0.0), tangent=(1.0, 0.0, 0.0), roll_deg=0.0), End())
         try:
             piece = shaped(level, cable, gravity)

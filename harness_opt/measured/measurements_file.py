@@ -165,6 +165,9 @@ def read_measurements(path: str | os.PathLike[str], folders: Iterable[str | os.P
     file = Path(path)
     places = Places.around(file.parent, folders)
     raw = toml_tables(content_of(file, "a file of measurements"), file)
+    if "cables" in raw and "measurements" not in raw:
+        words = "found a problem file, expected measurements; a problem is simulated by"
+        raise ProblemError(f"{file}: {words}: harness-opt simulate {file}")
     filled, wrong = with_cables({"cables": {"cable": raw.get("cable")}}, places, places.folder / file.name)
     if isinstance(raw.get("cable"), Mapping):
         raw = {**raw, "cable": filled["cables"]["cable"]}

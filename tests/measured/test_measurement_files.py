@@ -10,6 +10,7 @@ import pytest
 import harness_opt as ho
 from harness_opt.cli.commands import main
 from harness_opt.measured.measurements_file import WiresTable, construction_band
+from oracles.clipped import arm
 from oracles.measured import LOOPS, photographed
 
 
@@ -121,6 +122,14 @@ def test_what_is_not_known_is_exit_code_1(file, capsys):
 def test_files_that_are_none(file, name, capsys):
     assert main(["identify", name]) == 2
     assert name in capsys.readouterr().err
+
+
+def test_one_file_is_not_taken_for_another(file, tmp_path, capsys):
+    with pytest.raises(ho.ProblemError, match="found measurements, expected a problem file"):
+        ho.read_problem(file)
+    problem = ho.write_problem(arm(), tmp_path / "arm.toml")
+    assert main(["identify", str(problem)]) == 2
+    assert "found a problem file, expected measurements" in capsys.readouterr().err
 
 
 def test_the_schema_can_be_had(capsys):
