@@ -119,7 +119,7 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
     for limit in dict.fromkeys(limit for limit in others.limit if limit is not None):
         of = np.array([row == limit for row in others.limit])
         flat = np.zeros((np.count_nonzero(of), len(keys), len(keys)))
-        scale = problem.cable_limit(limit.kind, limit.cable) or 0.0
+        scale = whole_problem.cable_limit(limit.kind, limit.cable) or 0.0
         rows.append(_Rows(limit, scale, others.margin[of], others.rate[of], flat))
     if not rows:
         raise ProblemError("limits: found none, expected at least one for a quantity to move")
