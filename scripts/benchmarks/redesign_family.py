@@ -345,7 +345,10 @@ def infeasible(seed: int) -> Scene:
     kinds = (_too_sharp, _in_the_way, _walled, _too_heavy, _too_near)
     random = np.random.default_rng([20, seed])
     while True:
-        bare = _bare(random)
+        try:
+            bare = _bare(random)
+        except ho.ProblemError:  # too short for its clamps
+            continue
         run = bare.cables["lead"]
         length = run.cable.length
         free = (
