@@ -32,7 +32,7 @@ from harness_opt.numerics.threads import one_thread
 STEP = 1e-5  # of a parameter in its own scale, to either side: eleven digits of a difference are left
 TOO_WIDE = math.log(3.0)  # a stiffness whose interval is three times as much or a third is not known
 MOST_STEPS = 40  # of the search: from ten times the stiffness it takes about ten
-CONVERGED = 1e-3  # change of a parameter, in its standard deviation: nobody will ever know better
+CONVERGED = 1e-3  # standard deviations of the parameters, to which they are found: nobody will ever know better
 
 
 @dataclass(frozen=True)
@@ -163,10 +163,8 @@ class _Search:
 
     def cable(self, at: Array) -> Cable:
         """Return the cable with parameters ``at`` (k,)."""
-        values, curvature = (
-            dict(zip(self.given.sought, at.tolist(), strict=True)),
-            list(self.given.cable.rest_curvature),
-        )
+        values = dict(zip(self.given.sought, at.tolist(), strict=True))
+        curvature = list(self.given.cable.rest_curvature)
         for axis in "xyz":
             if f"rest_curvature.{axis}" in values:
                 curvature["xyz".index(axis)] = values[f"rest_curvature.{axis}"] / self.given.cable.length
@@ -227,8 +225,12 @@ class _Search:
     def best(self, here: _Look) -> _Look:
         """Return the parameters of least squares that a search ``here`` leads to.
 
+        It has come there where Gauss-Newton's step is far within what is known at all: the length of that step in the
+        standard deviations of the parameters (Bates and Watts, "Nonlinear Regression Analysis", section 2.2.3).
+
         Raises:
             ProblemError: nothing that was measured depends on anything sought.
+            SolveError: it comes to none.
         """
         damping = 1e-3
         for _ in range(MOST_STEPS):
@@ -237,6 +239,8 @@ class _Search:
             size = np.diag(normal)
             if not np.any(size > 0):
                 raise ProblemError(f"measurements: found none that depends on {' or '.join(self.given.sought)}")
+            if math.sqrt(max(float(downhill @ inverse_of(normal) @ downhill), 0.0)) < CONVERGED:
+                return here
             step = np.linalg.solve(normal + damping * np.diag(np.maximum(size, 1e-12 * size.max())), downhill)
             step = np.clip(step, -1.0, 1.0)  # no more than e times the stiffness at once
             try:
@@ -244,16 +248,9 @@ class _Search:
             except SolveError:
                 damping *= 10.0
                 continue
-            settled = np.all(np.abs(step) < CONVERGED * np.sqrt(np.maximum(np.diag(inverse_of(normal)), 0.0)))
-            if there.cost <= here.cost or settled:
-                here, damping = there, max(0.1 * damping, 1e-12)
-                if settled:
-                    break
-            else:
-                damping *= 10.0
-                if damping > 1e12:
-                    break
-        return here
+            better = there.cost <= here.cost
+            here, damping = (there, max(0.1 * damping, 1e-12)) if better else (here, 10.0 * damping)
+        raise SolveError("no stiffness was found that fits best: the search did not settle", Status.STALLED, None)
 
     def first(self) -> _Look:
         """Return where the search begins: as given, or the best of three stiffnesses where nothing was.
