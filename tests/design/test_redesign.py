@@ -153,7 +153,7 @@ def test_rates_of_coupled_variables_are_the_sums(here):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ('"= lead.strt.position.y"', 'expected text such as "= lead.start.position.x"'),
+        ('"= lead.strt.position.y"', "expected a variable with bounds: 'lead.start.position.y'; did you mean"),
         ('"lead.start.position.y"', 'expected text such as "= lead.start.position.x"'),
         ('"= lead.start.position.x"', "expected a variable with bounds: 'lead.start.position.y'"),
         ('"= lead.end.position.y"', "expected a variable with bounds"),

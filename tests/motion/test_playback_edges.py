@@ -98,6 +98,6 @@ def test_clamps_out_of_reach_between_two_frames(motion):
     run = dataclasses.replace(PROBLEM.cables["lead"], end=far)
     played = dataclasses.replace(motion, problem=PROBLEM.changed(cables={"lead": run}))
     with pytest.raises(
-        ho.SolveError, match=r"cable lead, motion 0\.\d+: no curve between frames 0 and 1 .*spatial_step"
+        ho.SolveError, match=r"cable lead, at [\d.]+ deg, [\d.]+ %: no curve between frames 0 and 1 .*spatial_step"
     ):
         ho.display(played, "lead", 0.01)

@@ -97,8 +97,8 @@ def test_a_scene_turned_mirrored_and_moved_gives_the_same_shape(turns, mirrored)
         ),
         ({"tangent": (0, 0, 1), "roll_deg": 3, "turns": 0.5}, "turns: found 0.5, expected a whole number"),
         ({"tangent": (0, 0, 1), "roll": "free", "turns": 1}, "turns: found 1, expected 0"),
-        ({"tangent": (0, 0, 1), "roll": "loose"}, "roll: found 'loose'"),
-        ({"roll_deg": 3}, "roll_deg: "),
+        ({"tangent": (0, 0, 1), "roll": "loose"}, 'roll: found "loose", expected one of'),
+        ({"roll_deg": 3}, "tangent: found nothing, expected a tangent for roll_deg"),
         ({"tangent": (0, 0, 0)}, "tangent: "),
     ],
 )
