@@ -148,7 +148,7 @@ def near_the_way(rng: np.random.Generator, problem: ho.Problem, fine: ho.Motion,
 
 
 def second_wall(rng: np.random.Generator, problem: ho.Problem, fine: ho.Motion) -> tuple:
-    """Return the problem with a holder named by hand and a long let-off, and that holder: a thin wall within it."""
+    """Return the run with a holder named by hand and a long let-off, and that holder: a thin wall within it."""
     run, shapes = problem.cables["a"], fine.cables["a"]
     side = str(rng.choice(["start", "end"]))
     given, radius = getattr(run, side), run.cable.radius
@@ -169,7 +169,7 @@ def second_wall(rng: np.random.Generator, problem: ho.Problem, fine: ho.Motion) 
     size = (2 * half, radius * rng.uniform(0.5, 10), radius * rng.uniform(0.5, 10))
     pose = rotations.multiply(back, turn_to(0, across, rng))
     part = ho.Part(ho.Box(size), given.body, tuple(rotations.rotate(back, place - position)), tuple(pose))
-    return dataclasses.replace(problem, cables={**problem.cables, "a": run}), (part, [])
+    return run, (part, [])
 
 
 def at_the_clamp(rng: np.random.Generator, problem: ho.Problem) -> tuple:
@@ -260,10 +260,10 @@ def draw(seed: int, number: int, folder: Path, step: float | None = None, finer:
         fine = ho.simulate(problem, frames=fine_frames)
     except ho.SolveError:
         return None
-    parts, boxes = {}, {}
-    made = []
+    parts, boxes, made, runs = {}, {}, [], problem.cables
     if kind == "clamps" and rng.random() < 0.5:
-        problem, wall = second_wall(rng, problem, fine)
+        run, wall = second_wall(rng, problem, fine)
+        runs = {**runs, "a": run}
         made.append(wall)
     made += [near_the_way(rng, problem, fine, kind, clearance) for _ in range(int(rng.integers(1, 4)))]
     if kind == "clamps":
@@ -273,5 +273,5 @@ def draw(seed: int, number: int, folder: Path, step: float | None = None, finer:
         parts[name] = meshed(part, of, folder / f"{seed}_{number}_{name}.stl") if of else part
         if of:
             boxes[name] = tuple(map(np.array, zip(*of, strict=True)))
-    problem = dataclasses.replace(problem, parts=parts, limits=limits(rng, fine, clearance))
+    problem = dataclasses.replace(problem, cables=runs, parts=parts, limits=limits(rng, fine, clearance))
     return Drawn(problem, frames, dataclasses.replace(fine, problem=problem), boxes)
