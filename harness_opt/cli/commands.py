@@ -22,6 +22,7 @@ from harness_opt.cli.options import (
     file_argument,
     folders_option,
     json_option,
+    output_option,
     running,
     seconds_option,
 )
@@ -220,10 +221,7 @@ def redesign(
 
 @commands.command()
 @file_argument
-@click.option(
-    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
-    help="Folder of what it finds; results/<name of FILE> where left out.",
-)  # fmt: skip
+@output_option("Folder of what it finds; results/<name of FILE> where left out.")
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; as many as cores where left out.")
 @compiling
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler (extra cluster).")
@@ -246,10 +244,7 @@ def study(file: Path, folder: Path | None, folders: tuple[Path, ...], **asked: A
 
 @commands.command()
 @file_argument
-@click.option(
-    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
-    help="Folder for table and chart; results/<name of FILE>_sensitivity where left out.",
-)  # fmt: skip
+@output_option("Folder for table and chart; results/<name of FILE>_sensitivity where left out.")
 @json_option
 @folders_option
 def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:
@@ -267,10 +262,7 @@ def sensitivity(file: Path, folder: Path | None, as_json: bool, folders: tuple[P
 
 @commands.command()
 @file_argument
-@click.option(
-    "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
-    help="For what is written; results/<name of FILE>_identified where left out.",
-)  # fmt: skip
+@output_option("For what is written; results/<name of FILE>_identified where left out.")
 @json_option
 @folders_option
 def identify(file: Path, folder: Path | None, as_json: bool, folders: tuple[Path, ...]) -> int:

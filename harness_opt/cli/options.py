@@ -44,6 +44,11 @@ seconds_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="The summary on stdout, and nothing else there.")
 
 
+def output_option(words: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Return the option of the folder that a command writes; ``words`` are its help, with the name if left out."""
+    return click.option("-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path), help=words)
+
+
 def running(command: Callable[..., int]) -> Callable[..., int]:
     """Add the argument and the options of the commands that write results."""
     for decorate in (
@@ -51,12 +56,9 @@ def running(command: Callable[..., int]) -> Callable[..., int]:
         click.option("--pictures/--no-pictures", help="Still pictures of the worst moment too (extra pictures)."),
         click.option("--quiet", "-q", is_flag=True, help="No progress and no table."),
         json_option,
-        click.option(
-            "-o", "--output", "folder", metavar="DIR", type=click.Path(path_type=Path),
-            help="Result folder; results/<name of FILE> where left out.",
-        ),
+        output_option("Result folder; results/<name of FILE> where left out."),
         file_argument,
-    ):  # fmt: skip
+    ):
         command = decorate(command)
     return command
 
