@@ -21,6 +21,7 @@ from harness_opt.clearance.pairs import ClearanceResult, of_whole_cables
 from harness_opt.design.margins import OfWholeCables, Rows, linearised, reach_rows
 from harness_opt.design.sides import past_sides
 from harness_opt.errors import ProblemError, Status
+from harness_opt.harness.over_motion import FoundHarness
 from harness_opt.model import design_variables
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
@@ -30,7 +31,7 @@ from harness_opt.motion.follower import Progress
 from harness_opt.motion.path import place_frames
 from harness_opt.motion.shape_rates import ShapeRates, clamps_of_spans, shape_rates
 from harness_opt.motion.simulate import collect
-from harness_opt.motion.sweep import Sweep, followed, in_turn, sweep
+from harness_opt.motion.sweep import Sweep, in_turn, sweep
 from harness_opt.numerics.rotations import Array
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.statics.solve import Solved
@@ -188,26 +189,27 @@ class Evaluator:
         # beside shapes all along the motion that never snap, what cannot go on from them does: that costs most
         snaps = near is None or self.problem.design.snaps or near.motion.snaps or not {*indices} <= {*near.indices}
 
-        def follow(apart: Problem, name: str) -> Sweep:
+        def follow(apart: Problem, name: str, harness: FoundHarness | None) -> Sweep:
             close = near.predicted(name, values) if near else {}
             guesses = [close.get(index) for index in indices]
             fitted = near.sweeps[name].fitted if near else None
             return sweep(
-                apart, name, motion_values, solver=self.solver, guesses=guesses, near=fitted,
+                apart, name, motion_values, solver=self.solver, guesses=guesses, near=fitted, harness=harness,
                 rigour="quick look" if quick else "stable", recovers=bool(snaps), progress=self.progress,
             )  # fmt: skip
 
         try:
             changed = design_variables.apply(self.problem, values)
-            apart, sweeps = in_turn(changed, float(motion_values[0]), follow)
+            swept = in_turn(changed, motion_values, follow, self.solver, self.progress)
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
-        if any(swept.status is Status.INTERRUPTED for swept in sweeps.values()):
+        apart, sweeps = swept.problem, swept.sweeps
+        if any(one.status is Status.INTERRUPTED for one in sweeps.values()):
             raise KeyboardInterrupt
-        if not all(swept.status.ok for swept in sweeps.values()):
+        if not all(one.status.ok for one in sweeps.values()):
             return None
         spans = spans_of(changed)
-        motion = collect(apart, motion_values, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
+        motion = collect(swept, motion_values, 0.0)
         clearances = measure(apart, self.scene, motion_values, motion.cables)
         rates, reach = {}, []
         if not quick:

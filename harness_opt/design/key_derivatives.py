@@ -32,7 +32,7 @@ from harness_opt.motion.cases import CableCases
 from harness_opt.motion.path import place_frames
 from harness_opt.motion.shape_rates import ShapeRates
 from harness_opt.motion.simulate import collect
-from harness_opt.motion.sweep import Sweep, cable_motion, followed, in_turn, start_positions, sweep
+from harness_opt.motion.sweep import Sweep, cable_motion, in_turn, start_positions, sweep
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
@@ -104,8 +104,10 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
     chosen = tuple(quantities[key] for key in keys)
     whole_problem = quantities.problem({})
     frames, spans = place_frames(whole_problem) if motion is None else motion, spans_of(whole_problem)
-    problem, sweeps = in_turn(whole_problem, float(frames[0]), lambda apart, name: sweep(apart, name, frames))
-    found = collect(problem, frames, {name: followed(swept) for name, swept in sweeps.items()}, 0.0)
+    swept = in_turn(
+        whole_problem, frames, lambda apart, name, harness: sweep(apart, name, frames, harness=harness), SOLVER
+    )
+    problem, sweeps, found = swept.problem, swept.sweeps, collect(swept, frames, 0.0)
     if not found.ok:
         raise SolveError(found.message, found.status, joined(whole_problem, found))
     sides = [_sides(quantities, quantity, whole_problem, sweeps) for quantity in chosen]

@@ -17,12 +17,13 @@ from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Between, ClearanceResult
 from harness_opt.design.evaluation import GUARD, HELD, Evaluated, Evaluator
 from harness_opt.design.objective import Objective
+from harness_opt.harness.over_motion import FoundHarness
 from harness_opt.model import design_variables
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, LimitResult, Motion, joined, split
 from harness_opt.motion.between_frames import BetweenFrames
 from harness_opt.motion.simulate import collect
-from harness_opt.motion.sweep import Sweep, followed, in_turn, sweep
+from harness_opt.motion.sweep import Sweep, in_turn, sweep
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -96,13 +97,12 @@ def _fine_motion(problem: Problem, fine: Array, design: Evaluated, solver: str) 
     """Simulate ``problem`` anew, from a cold start, on the frames ``fine`` and twice the elements."""
     begin = time.perf_counter()
 
-    def follow(apart: Problem, name: str) -> Sweep:
+    def follow(apart: Problem, name: str, harness: FoundHarness | None) -> Sweep:
         elements = 2 * (len(design.sweeps[name].frames[0].bound.mesh) - 1)
-        return sweep(apart, name, fine, solver=solver, elements=elements)
+        return sweep(apart, name, fine, solver=solver, elements=elements, harness=harness)
 
-    apart, sweeps = in_turn(problem, float(fine[0]), follow)
-    cables = {name: followed(swept) for name, swept in sweeps.items()}
-    return joined(problem, collect(apart, fine, cables, time.perf_counter() - begin))
+    swept = in_turn(problem, fine, follow, solver)
+    return joined(problem, collect(swept, fine, time.perf_counter() - begin))
 
 
 def ask_for_more(evaluate: Evaluator, found: Verified) -> None:

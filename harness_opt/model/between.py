@@ -15,7 +15,7 @@ from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.between_variables import mistakes_of_variables
 from harness_opt.model.bodies import WORLD, Body
-from harness_opt.model.cable import ENDS, NO_CLIP, Cable, CableRun, End
+from harness_opt.model.cable import CLIP_KINDS, ENDS, NO_CLIP, Cable, CableRun, End
 from harness_opt.model.checks import (
     INVALID,
     ORIENTATIONS,
@@ -166,8 +166,16 @@ def _held(path: KeyPath, clip: Tree) -> Iterator[Mistake]:
             yield (*path, load), f"found a {load} at a clip, expected a position and a tangent: it holds the cable"
     if "position" not in clip:
         yield (*path, "position"), "found nothing, expected [x, y, z], three numbers: where the clip stands"
-    if not any(given in clip for given in ORIENTATIONS):
+    kind = value(clip, "kind") or "fixed"
+    if kind != "pivot" and not any(given in clip for given in ORIENTATIONS):
         yield (*path, "tangent"), "found nothing, expected [x, y, z], three numbers: the cable's direction there"
+    if kind not in CLIP_KINDS:
+        yield (*path, "kind"), f"found {shown(kind)}, expected {one_of(CLIP_KINDS, kind)}"
+    for key in ("roll", "roll_deg", "turns") if kind != "fixed" else ():
+        if key in clip:
+            yield (*path, key), f"found it at a {kind}, expected none: how the cable turns in it is found"
+    if kind != "fixed":
+        return
     if value(clip, "roll") == "free":
         yield (*path, "roll"), 'found "free" at a clip, expected "untwisted", or a roll that is given'
     turns, untwisted = value(clip, "turns"), "tangent" in clip and "roll_deg" not in clip
@@ -351,7 +359,7 @@ def _tree(problem: Any) -> dict[str, Any]:
     variables |= {one.name: f"= {one.words}" for one in design.couplings}
     return {
         "cables": {name: _run_table(run) for name, run in problem.cables.items()},
-        "bodies": {name: {"parent": body.parent} for name, body in problem.bodies.items()},
+        "bodies": {name: {"parent": body.parent, "free": body.free} for name, body in problem.bodies.items()},
         "parts": {name: {"body": part.body} for name, part in problem.parts.items()},
         "limits": {"bend_radius": problem.limits.bend_radius or None},
         "design": {"variables": variables, "weights": dict(design.weights)},

@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,16 +17,11 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.checks import Quaternion, Vector
-from harness_opt.model.courses import Course, ValueTable, increasing
+from harness_opt.model.courses import Course, FoundPoses, PoseSpline, ValueTable, increasing
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import RotationSpline
-
 WORLD = "world"
-RATE_MARGIN = 1.1  # angular acceleration is not linear between those samples; sizes and angles there are
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,53 +216,17 @@ class Poses:
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of the body at ``motion`` (P,) from 0 to 1."""
-        at = self.times[0] + np.atleast_1d(motion) * (self.times[-1] - self.times[0])
-        position, rotation = self._splines
-        return position(at), np.roll(rotation(at).as_quat(), 1, axis=1)
+        return self._spline.poses(np.atleast_1d(np.asarray(motion, dtype=float)))
 
     def rates(self, first: Array, last: Array) -> Rates:
-        """Return bounds on the rates from ``first`` (k,) to ``last`` (k,), about the body's origin.
-
-        The origin's acceleration is linear between the table's times, so it is largest at one of them; speeds are
-        sampled, and raised by what they can grow between two samples. Angular acceleration alone is sampled and
-        raised by RATE_MARGIN.
-        """
-        grid, values = self._sampled_rates
-        # the samples around each stretch, one to either side of it
-        low = np.maximum(np.searchsorted(grid, first, side="right") - 1, 0)
-        high = np.minimum(np.searchsorted(grid, last), len(grid) - 1)
-        most = [[float(v[i : j + 1].max()) for i, j in zip(low, high, strict=True)] for v in values]
-        speed, acceleration, turning, change = np.array(most)
-        gap = float(np.diff(grid).max())
-        change = RATE_MARGIN * change
-        return Rates(
-            self.poses(0.5 * (first + last))[0],
-            speed + 0.5 * gap * acceleration,
-            acceleration,
-            turning + 0.5 * gap * change,
-            change,
-        )
+        """Return bounds on the rates from ``first`` (k,) to ``last`` (k,), about the body's origin."""
+        return Rates(self.poses(0.5 * (first + last))[0], *self._spline.rates(first, last))
 
     @functools.cached_property
-    def _sampled_rates(self) -> tuple[Array, Array]:
-        """Motion values (n,), and there the origin's speed and acceleration, and the angular ones, (4, n)."""
-        rate_samples = 2001  # of a tabulated motion, beside its own times, where its rates are looked up
-        span = self.times[-1] - self.times[0]
-        grid = np.union1d(np.linspace(0.0, 1.0, rate_samples), (np.asarray(self.times) - self.times[0]) / span)
-        at = self.times[0] + grid * span
-        position, rotation = self._splines
-        rates = [position(at, 1), position(at, 2), rotation(at, 1), rotation(at, 2)]
-        scales = [span, span**2, span, span**2]
-        return grid, np.array([k * np.linalg.norm(rate, axis=1) for k, rate in zip(scales, rates, strict=True)])
-
-    @functools.cached_property
-    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
-        from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
-
-        scalar_last = np.roll(np.asarray(self.quaternions), -1, axis=1)
-        position = CubicSpline(self.times, np.asarray(self.positions))
-        return position, RotationSpline(self.times, Rotation.from_quat(scalar_last))
+    def _spline(self) -> PoseSpline:
+        times = np.asarray(self.times)
+        share = (times - times[0]) / (times[-1] - times[0])
+        return PoseSpline(share, np.asarray(self.positions), np.asarray(self.quaternions))
 
 
 BodyMotion = Hinge | Slide | Poses
@@ -282,12 +240,39 @@ class Body:
         motion: in the parent's coordinates; without one it is fixed to it.
         parent: the body that carries it.
         position, quaternion: where it stands in the parent when its motion is at 0; left out, at the parent's origin.
+            Of a free body a first guess, where they are given.
+        free: whether it hangs on its cables, as a splice or a connector does, and stands where these balance.
+        mass: of a free body, kg; its centre is the body's origin.
+        found: where a free body was found to stand in the world, over the motion; None before it is looked for.
+
+    Raises:
+        ProblemError: a free body with a motion or a parent; a mass below 0, or of a body that is not free.
     """
 
     motion: BodyMotion | None = None
     parent: str = WORLD
     position: Vector = (0.0, 0.0, 0.0)
     quaternion: Quaternion = rotations.IDENTITY
+    free: bool = False
+    mass: float = 0.0
+    found: FoundPoses | None = None
+
+    def __post_init__(self) -> None:
+        found = checks.Gathered()
+        with found:
+            checks.positive("mass", self.mass, zero=True)
+        if self.free and self.motion is not None:
+            found.told.append("motion: found one, expected none: a free body goes where its cables let it")
+        if self.free and self.parent != WORLD:
+            found.told.append(f"parent: found {self.parent!r}, expected none: a free body hangs on its cables alone")
+        if self.mass and not self.free:
+            found.told.append(f"mass: found {self.mass:g}, expected free = true beside it: other bodies' is not felt")
+        found.raised()
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves relative to its parent."""
+        return self.motion is not None or self.free
 
     @property
     def table(self) -> Path | None:
@@ -306,6 +291,8 @@ class Body:
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) in its parent at ``motion`` (P,) from 0 to 1."""
+        if self.found is not None:
+            return self.found.poses(np.atleast_1d(np.asarray(motion, dtype=float)))
         count = len(np.atleast_1d(motion))
         placed = np.tile(self.position, (count, 1)).astype(float), np.tile(self.quaternion, (count, 1)).astype(float)
         if self.motion is None:

@@ -17,6 +17,7 @@ from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD
 from harness_opt.model.checks import Quaternion, Vector, shown
+from harness_opt.model.courses import FoundPoses
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -93,6 +94,8 @@ Roll = Literal["untwisted", "free"]
 ROLLS = get_args(Roll)
 Side = Literal["start", "end"]
 ENDS = ("start", "end")
+ClipKind = Literal["fixed", "swivel", "pivot"]
+CLIP_KINDS: tuple[ClipKind, ...] = get_args(ClipKind)
 NO_CLIP = (*ENDS, "length")  # what no clip is called: their names stand beside these in design variables
 
 
@@ -121,6 +124,7 @@ class End:
         roll: of an end with a tangent, "untwisted" or "free".
         roll_deg: of an end with a tangent, by hand, degrees.
         swivel: whether the end turns freely about d3 of its quaternion: what "free" is once the body is placed.
+        found: frames in ``body`` over the motion of a clip that lets the cable turn, once they are found.
 
     A quantity that is given as neither is free: no force, or no moment.
 
@@ -142,6 +146,7 @@ class End:
     roll: Roll | None = None
     roll_deg: float | None = None
     swivel: bool = False
+    found: FoundPoses | None = None
 
     def __post_init__(self) -> None:
         found = checks.Gathered()
@@ -223,6 +228,13 @@ class End:
             swivel=False,
         )
 
+    def over(self, motion: ArrayLike) -> list[End]:
+        """Return this end at each ``motion`` (P,), 0 to 1, in the frames that it was found in where it turns freely."""
+        values = np.atleast_1d(np.asarray(motion, dtype=float))
+        if self.found is None:
+            return [self] * len(values)
+        return [dataclasses.replace(self, quaternion=_tuple(q), found=None) for q in self.found.poses(values)[1]]
+
     def placed(self, position: ArrayLike, quaternion: ArrayLike) -> End:
         """Return this end in world coordinates, its body standing at ``position`` (3,) and ``quaternion`` (4,).
 
@@ -246,22 +258,26 @@ def _tuple(q: Array) -> Quaternion:
 
 @dataclass(frozen=True, kw_only=True)
 class Clip(End):
-    """What holds a cable on its way: clamped there like an end, the cable going on beyond it.
+    """What holds a cable on its way, the cable going on beyond it.
 
     Args:
         name: of the clip, none other of the cable's.
         at: arc length at which the cable is clipped, m.
+        kind: "fixed" clamps it like an end; in a "swivel" it turns freely about its tangent; a "pivot" holds its
+            place alone.
 
-    Everything else is as of an :class:`End`. A clip that leaves its roll open is fitted untwisted, outward from the
-    start: the stretch that ends at it carries no twisting moment at ``fitted_at``.
+    Everything else is as of an :class:`End`. A fixed clip that leaves its roll open is fitted untwisted, outward from
+    the start: the stretch that ends at it carries no twisting moment at ``fitted_at``. How the cable stands in a clip
+    that lets it turn is found; a tangent given to a pivot is a first guess.
 
     Raises:
         ProblemError: as :class:`End`; a name or place that cannot be; a force, a moment, a roll that is free: a clip
-            holds the cable.
+            holds the cable; a roll or turns where it turns freely.
     """
 
     name: str
     at: float
+    kind: ClipKind = "fixed"
 
     def __post_init__(self) -> None:
         found = checks.Gathered()
@@ -271,6 +287,8 @@ class Clip(End):
             object.__setattr__(self, "at", checks.positive("at", self.at))
         if self.name in NO_CLIP:
             found.told.append(f"name: found {self.name!r}, expected another than {', '.join(NO_CLIP)}")
+        if self.kind not in CLIP_KINDS:
+            found.told.append(f"kind: found {shown(self.kind)}, expected {checks.one_of(CLIP_KINDS, self.kind)}")
         for key in ("force", "moment"):
             if getattr(self, key) is not None:
                 found.told.append(
@@ -280,9 +298,19 @@ class Clip(End):
             found.told.append("roll: found 'free' at a clip, expected 'untwisted', or a roll that is given")
         if self.position is None:
             found.told.append("position: found nothing, expected where the clip stands")
-        if self.quaternion is None and self.tangent is None:
+        if self.kind != "pivot" and self.quaternion is None and self.tangent is None:
             found.told.append("tangent: found nothing, expected a tangent or a quaternion")
+        if self.kind != "fixed":
+            object.__setattr__(self, "roll", None)
+            for key in ("turns", "roll_deg"):
+                if getattr(self, key):
+                    found.told.append(f"{key}: found {getattr(self, key)!r} at a {self.kind}, in which the cable turns")
         found.raised()
+
+    @property
+    def freedoms(self) -> int:
+        """How many rotations of the cable it leaves free: none, that about its tangent, or all three."""
+        return {"fixed": 0, "swivel": 1, "pivot": 3}[self.kind]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How an angle or a travel goes over the motion: through the rows of a table, or by moves one after the other.
+"""How an angle or a travel goes over the motion, by a table or by moves; smooth ways through poses.
 
 A course is gone through once over the whole motion, from 0 to 1. Its value, its speed and its acceleration are
 continuous, and the largest of either over a stretch is exact: found where it turns, and at the stretch's ends.
@@ -9,12 +9,13 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
@@ -22,8 +23,10 @@ from harness_opt.numerics.rotations import Array
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import RotationSpline
 
 SHORTEST = 1e-9  # s between two rows of a table: no motion is told more finely, and speeds stay numbers
+RATE_MARGIN = 1.1  # angular acceleration is not linear between samples of it; sizes and angles are
 ROUNDING = 1e-12  # of a largest speed or acceleration, by which its place and its value are off
 
 
@@ -200,6 +203,118 @@ class Moves(Course):
         whole = took + [move.dwell for move in self.moves]
         values = np.array([self.begin, *(move.to for move in self.moves)])
         return np.concatenate([[0.0], np.cumsum(whole)[:-1]]), took, values[:-1], np.diff(values)
+
+
+# --- poses ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSpline:
+    """A smooth way through poses: positions by a cubic spline, rotations by one on the sphere.
+
+    Args:
+        motion: (n,), increasing, n > 1.
+        positions: (n, 3), m.
+        quaternions: (n, 4), unit.
+    """
+
+    motion: Array
+    positions: Array
+    quaternions: Array
+
+    def poses(self, at: Array) -> tuple[Array, Array]:
+        """Return positions (P, 3) and quaternions (P, 4) at motion values ``at`` (P,)."""
+        position, rotation = self._splines
+        return position(at), np.roll(rotation(at).as_quat(), 1, axis=1)
+
+    def rates(self, first: Array, last: Array) -> tuple[Array, Array, Array, Array]:
+        """Return bounds on speed, acceleration, angular speed and its change from ``first`` (k,) to ``last`` (k,).
+
+        The origin's acceleration is linear between the poses, so it is largest at one of them; speeds are sampled, and
+        raised by what they can grow between two samples. Angular acceleration alone is sampled and raised by
+        RATE_MARGIN.
+        """
+        grid, values = self._sampled_rates
+        # the samples around each stretch, one to either side of it
+        low = np.maximum(np.searchsorted(grid, first, side="right") - 1, 0)
+        high = np.minimum(np.searchsorted(grid, last), len(grid) - 1)
+        most = [[float(v[i : j + 1].max()) for i, j in zip(low, high, strict=True)] for v in values]
+        speed, acceleration, turning, change = np.array(most).reshape(4, -1)
+        gap = float(np.diff(grid).max())
+        change = RATE_MARGIN * change
+        return speed + 0.5 * gap * acceleration, acceleration, turning + 0.5 * gap * change, change
+
+    @functools.cached_property
+    def _sampled_rates(self) -> tuple[Array, Array]:
+        """Motion values (n,), and there the origin's speed and acceleration, and the angular ones, (4, n)."""
+        rate_samples = 2001  # beside the poses themselves, where rates are looked up
+        grid = np.union1d(np.linspace(self.motion[0], self.motion[-1], rate_samples), self.motion)
+        position, rotation = self._splines
+        rates = [position(grid, 1), position(grid, 2), rotation(grid, 1), rotation(grid, 2)]
+        return grid, np.array([np.linalg.norm(rate, axis=1) for rate in rates])
+
+    @functools.cached_property
+    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        position = CubicSpline(self.motion, self.positions)
+        return position, RotationSpline(self.motion, Rotation.from_quat(np.roll(self.quaternions, -1, axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPoses:
+    """Where something was found to stand over the motion: smooth, but for jumps.
+
+    Args:
+        motion: values (n,) at which it was found, increasing.
+        positions, quaternions: (n, 3), m, and (n, 4).
+        jumps: numbers (k,) of those places that it comes to by a jump, increasing.
+    """
+
+    motion: Array
+    positions: Array
+    quaternions: Array
+    jumps: tuple[int, ...] = ()
+
+    def poses(self, at: Array) -> tuple[Array, Array]:
+        """Return positions (P, 3) and quaternions (P, 4) at motion values ``at`` (P,); across a jump, straight on."""
+        position, quaternion = np.empty((len(at), 3)), np.empty((len(at), 4))
+        for which, spline in self._over(at):
+            position[which], quaternion[which] = spline.poses(at[which])
+        return position, quaternion
+
+    def rates(self, first: Array, last: Array) -> tuple[Array, Array, Array, Array]:
+        """Return bounds as :meth:`PoseSpline.rates` does, over stretches that hold no place of a jump within."""
+        found = np.zeros((4, len(first)))
+        for which, spline in self._over(0.5 * (first + last)):
+            found[:, which] = spline.rates(first[which], last[which])
+        return found[0], found[1], found[2], found[3]
+
+    def _over(self, at: Array) -> Iterator[tuple[NDArray[np.intp], PoseSpline]]:
+        """Yield the smooth stretches that motion values ``at`` (P,) lie in, and which of these."""
+        if len(self.motion) == 1:
+            both = np.repeat([0], 2)
+            still = PoseSpline(np.array([0.0, 1.0]), self.positions[both], self.quaternions[both])
+            yield np.arange(len(at)), still
+            return
+        inner = [edge for jump in self.jumps for edge in (jump - 1, jump)]
+        edges = sorted({0, *inner, len(self.motion) - 1})
+        stretch = np.clip(np.searchsorted(self.motion[edges], at, side="right") - 1, 0, len(edges) - 2)
+        for k in np.unique(stretch).tolist():
+            yield np.flatnonzero(stretch == k), self._stretch(edges[k], edges[k + 1])
+
+    @functools.cached_property
+    def _stretches(self) -> dict[tuple[int, int], PoseSpline]:
+        return {}
+
+    def _stretch(self, first: int, last: int) -> PoseSpline:
+        """Return the spline through the places from ``first`` to ``last``."""
+        if (first, last) not in self._stretches:
+            own = slice(first, last + 1)
+            spline = PoseSpline(self.motion[own], self.positions[own], self.quaternions[own])
+            self._stretches[first, last] = spline
+        return self._stretches[first, last]
 
 
 def increasing(given: tuple[float, ...]) -> Array:

@@ -98,15 +98,16 @@ class Problem:
 
     def poses(self, body: str, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) of ``body`` at ``motion`` (P,) from 0 to 1, there and back."""
-        at = np.asarray(motion, dtype=float)
-        return self._once(body, 1.0 - np.abs(2.0 * at - 1.0) if self.out_and_back else at)
-
-    def _once(self, body: str, motion: Array) -> tuple[Array, Array]:
-        """Return the poses of ``body`` in the world, on the way there."""
         carried = chain(self.bodies, body)
         if not carried:
             return Body().poses(motion)
-        return functools.reduce(composed, (one.poses(motion) for one in carried))
+        at = np.asarray(motion, dtype=float)
+        there = self._there(at)  # a free body need not come back as it went
+        return functools.reduce(composed, (one.poses(at if one.free else there) for one in carried))
+
+    def _there(self, motion: Array) -> Array:
+        """Return how far the motion is on its way there, 0 to 1, at ``motion`` (...) there and back."""
+        return 1.0 - np.abs(2.0 * motion - 1.0) if self.out_and_back else motion
 
     def poses_from(self, view: str, body: str, motion: ArrayLike) -> tuple[Array, Array]:
         """Return the poses of ``body`` in the coordinates of the body ``view``, as :meth:`poses`."""
@@ -122,42 +123,44 @@ class Problem:
         That is in the world, or as another body, ``view``, sees it: what carries both does not count then. A motion
         there and back turns round at 0.5; no stretch may hold that value within it.
         """
-        if not self.out_and_back:
-            return self._rates_once(body, first, last, view)
-        there = np.sort(1.0 - np.abs(2.0 * np.stack([first, last]) - 1.0), axis=0)
-        once = self._rates_once(body, there[0], there[1], view)
-        return Rates(once.centre, 2 * once.speed, 4 * once.acceleration, 2 * once.turning, 4 * once.turning_change)
-
-    def _rates_once(self, body: str, first: Array, last: Array, view: str) -> Rates:
-        """Return bounds on how fast ``body`` moves as ``view`` sees it, on the way there."""
+        there = np.sort(self._there(np.stack([first, last])), axis=0)
+        stretch = _Stretch(there[0], there[1], first, last, 2.0 if self.out_and_back else 1.0)
         own, other = chain(self.bodies, body), chain(self.bodies, view)
         both = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] is pair[1], zip(own, other, strict=False)))
-        middle, long = 0.5 * (first + last), last - first
-        rates, pose = Rates.steady(np.zeros(3), len(first)), Body().poses(middle)
+        rates, pose = Rates.steady(np.zeros(3), len(first)), Body().poses(first)
         for one in other[both:]:
-            rates, pose = _followed(one, rates, pose, first, last)
+            rates, pose = stretch.followed(one, rates, pose)
         if both < len(other):
-            rates, pose = rates.inverse(pose, long), seen_from(pose, Body().poses(middle))
+            rates, pose = rates.inverse(pose, stretch.long), seen_from(pose, Body().poses(first))
         for one in own[both:]:
-            rates, pose = _followed(one, rates, pose, first, last)
-        return rates
+            rates, pose = stretch.followed(one, rates, pose)
+        fast = stretch.faster
+        return Rates(
+            rates.centre, fast * rates.speed, fast**2 * rates.acceleration, fast * rates.turning,
+            fast**2 * rates.turning_change,
+        )  # fmt: skip
 
     def joints_between(self, body: str, other: str) -> int:
         """Return how many motions lie between two bodies: those that carry one of them and not the other."""
         chains = [chain(self.bodies, name) for name in (body, other)]
         both = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] is pair[1], zip(*chains, strict=False)))
-        return sum(one.motion is not None for carried in chains for one in carried[both:])
+        return sum(one.moves for carried in chains for one in carried[both:])
 
     def ends(self, cable: str, motion: ArrayLike) -> list[tuple[End, End]]:
         """Return the start and end of ``cable`` in world coordinates at each ``motion`` (P,) from 0 to 1."""
-        run = self.cables[cable]
-        start_poses = zip(*self.poses(run.start.body, motion), strict=True)
-        end_poses = zip(*self.poses(run.end.body, motion), strict=True)
-        return [(run.start.placed(*a), run.end.placed(*b)) for a, b in zip(start_poses, end_poses, strict=True)]
+        placed = []
+        for end in (self.cables[cable].start, self.cables[cable].end):
+            poses = zip(*self.poses(end.body, motion), strict=True)
+            placed.append([one.placed(*pose) for one, pose in zip(end.over(motion), poses, strict=True)])
+        return list(zip(*placed, strict=True))
 
     def is_moved(self, body: str) -> bool:
         """Return whether ``body`` moves, by itself or with one that carries it."""
-        return any(one.motion is not None for one in chain(self.bodies, body))
+        return any(one.moves for one in chain(self.bodies, body))
+
+    def is_placed(self, body: str) -> bool:
+        """Return whether it is known where ``body`` stands: it hangs on no free body that is still to be found."""
+        return not any(one.free and one.found is None for one in chain(self.bodies, body))
 
     @property
     def moments(self) -> Moments:
@@ -181,13 +184,37 @@ class Problem:
         return self.limits.clearance if own is None else own
 
 
-def _followed(
-    body: Body, rates: Rates, pose: tuple[Array, Array], first: Array, last: Array
-) -> tuple[Rates, tuple[Array, Array]]:
-    """Return rates and pose of ``body`` from those of its parent; what is fixed to that moves as it does."""
-    if body.motion is not None:
-        rates = body.motion.rates(first, last).carried(rates, pose, last - first)
-    return rates, composed(pose, body.poses(0.5 * (first + last)))
+@dataclass(frozen=True)
+class _Stretch:
+    """Stretches (k,) of the motion over which bodies move.
+
+    Args:
+        first, last: on the way there.
+        began, ended: of the motion itself, which goes there and back.
+        faster: times that is as fast as the way there.
+    """
+
+    first: Array
+    last: Array
+    began: Array
+    ended: Array
+    faster: float
+
+    @property
+    def long(self) -> Array:
+        """How long they are, on the way there, (k,)."""
+        return self.last - self.first
+
+    def followed(self, body: Body, rates: Rates, pose: tuple[Array, Array]) -> tuple[Rates, tuple[Array, Array]]:
+        """Return rates and pose of ``body`` from those of its parent; what is fixed to that moves as it does."""
+        if body.found is not None:
+            speed, acceleration, turning, change = body.found.rates(self.began, self.ended)
+            middle = body.poses(0.5 * (self.began + self.ended))
+            fast = self.faster
+            return Rates(middle[0], speed / fast, acceleration / fast**2, turning / fast, change / fast**2), middle
+        if body.motion is not None:
+            rates = body.motion.rates(self.first, self.last).carried(rates, pose, self.long)
+        return rates, composed(pose, body.poses(0.5 * (self.first + self.last)))
 
 
 def given_problem(problem: object) -> Problem:

@@ -15,9 +15,10 @@ from typing import Literal
 import numpy as np
 
 from harness_opt.errors import Status
+from harness_opt.model.courses import FoundPoses
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem, held_as, left_out
-from harness_opt.model.spans import Span, carried, has_clips, in_spans, spans_of
+from harness_opt.model.spans import Span, carried, has_clips, in_spans, spans_of, standing
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -219,6 +220,7 @@ class Motion:
             through themselves to have it.
         left_out: what the scene did not need.
         timing: seconds by phase.
+        found: where free bodies, and the cable in clips that let it turn, were found.
     """
 
     problem: Problem
@@ -230,6 +232,7 @@ class Motion:
     begun_through_themselves: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
+    found: Mapping[str, FoundPoses] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Return one line."""
@@ -278,7 +281,7 @@ def split(motion: Motion) -> Motion:
     """Return a motion of whole cables as that of their spans; itself where no cable has clips."""
     if not has_clips(motion.problem):
         return motion
-    spans, problem, cables = spans_of(motion.problem), in_spans(motion.problem), {}
+    spans, problem, cables = spans_of(motion.problem), in_spans(motion.problem, motion.found), {}
     for cable, shapes in motion.cables.items():
         own = [span for span in spans.values() if span.cable == cable]
         for span, piece in zip(own, _pieces(shapes, own), strict=True):
@@ -298,8 +301,9 @@ def joined(problem: Problem, motion: Motion) -> Motion:
     A cable of which a span was not solved at all is left out, as one that was not solved is; where none is left, no
     frame is.
     """
+    problem = standing(problem, motion.found)
     if not has_clips(problem):
-        return motion
+        return dataclasses.replace(motion, problem=problem) if motion.found else motion
     spans, cables = spans_of(problem), {}
     for cable in problem.cables:
         own = [span for span in spans.values() if span.cable == cable]

@@ -10,16 +10,19 @@ import dataclasses
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.model.cable import REACH_TOLERANCE, CableRun, Clip
+from harness_opt.model.courses import FoundPoses
 from harness_opt.model.limits import LimitId, Obstacle, quoted
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
+NOTHING_FOUND: Mapping[str, FoundPoses] = MappingProxyType({})
 Problem = Any  # asks while it is made whether its cables reach
 SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
@@ -59,22 +62,47 @@ def has_clips(problem: Problem) -> bool:
     return any(run.clips for run in problem.cables.values())
 
 
-def in_spans(problem: Problem) -> Problem:
+def in_spans(problem: Problem, found: Mapping[str, FoundPoses] = NOTHING_FOUND) -> Problem:
     """Return the problem whose cables are the spans of those of ``problem``; itself where no cable has clips.
 
     The roll of a clip that is fitted untwisted is found with the span before it: see :func:`carried`.
+
+    Args:
+        problem: of whole cables.
+        found: where free bodies stand, and how the cable turns in clips that let it, by :func:`clip_key`.
     """
-    if not has_clips(problem):
+    if not has_clips(problem) and not found:
         return problem
     runs = {}
     for span in spans_of(problem).values():
         run = problem.cables[span.cable]
-        start, end = (run.clamps[name] for name in span.clamps)
+        start, end = (
+            dataclasses.replace(clamp, found=found.get(clip_key(span.cable, name)))
+            for name, clamp in ((name, run.clamps[name]) for name in span.clamps)
+        )
         cable = dataclasses.replace(run.cable, length=span.last - span.first)
         if isinstance(start, Clip):
             start = dataclasses.replace(start.held(), turns=0)
+        if isinstance(end, Clip) and end.kind != "fixed":
+            end = end.held()
+        start, end = (
+            clamp.held(rotations.IDENTITY) if isinstance(clamp, Clip) and clamp.frame is None else clamp
+            for clamp in (start, end)
+        )
         runs[span.name] = CableRun(cable, start, end, run.bow, run.fitted_at, bend_radius=run.bend_radius)
-    return problem.changed(cables=runs)
+    return standing(problem.changed(cables=runs), found)
+
+
+def clip_key(cable: str, clip: str) -> str:
+    """Return what the frames of a clip that lets the cable turn are called: no body is, for the comma."""
+    return f"{cable}, {clip}"
+
+
+def standing(problem: Problem, found: Mapping[str, FoundPoses]) -> Problem:
+    """Return ``problem`` with its free bodies where they were ``found``, by name."""
+    free = [name for name in found if name in problem.bodies]
+    stood = {name: dataclasses.replace(problem.bodies[name], found=found[name]) for name in free}
+    return problem.changed(bodies={**problem.bodies, **stood}) if stood else problem
 
 
 def own_ends(run: CableRun) -> list[int]:
@@ -123,10 +151,13 @@ def carried(problem: Problem, spans: Mapping[str, Span], name: str, at: float, f
 
 
 def clamp_way(problem: Problem, cable: str, motion: ArrayLike) -> Array | None:
-    """Return the way (P, 3) from the start of ``cable`` to its end, m, at ``motion`` (P,); None with a free end."""
+    """Return the way (P, 3) from the start of ``cable`` to its end, m, at ``motion`` (P,).
+
+    None with a free end, or one on a free body that is not found yet.
+    """
     run, places = problem.cables[cable], []
     for end in (run.start, run.end):
-        if end.position is None:
+        if end.position is None or not problem.is_placed(end.body):
             return None
         origin, turn = problem.poses(end.body, motion)
         places.append(origin + rotations.rotate(turn, np.broadcast_to(np.asarray(end.position), origin.shape)))

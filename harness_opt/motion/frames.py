@@ -192,6 +192,14 @@ class Stretches(_Numbered):
             self.parts[-1].cut(count - (len(self) - len(self.parts[-1])))
 
 
+def stretches(frames: Iterable[Solved]) -> Stretches:
+    """Return ``frames``, on one mesh or several, in stretches."""
+    found = Stretches()
+    for frame in frames:
+        found.append(frame)
+    return found
+
+
 def by_mesh(frames: Sequence[Solved]) -> Iterator[Sequence[Solved]]:
     """Yield ``frames`` in turn, those together that follow each other on one mesh."""
     first = 0

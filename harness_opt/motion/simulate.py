@@ -12,13 +12,15 @@ from collections.abc import Mapping
 from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError, SolveError, Status
+from harness_opt.harness.freedoms import harnesses
+from harness_opt.harness.over_motion import FoundHarness
 from harness_opt.model.problem import Problem, given_problem, left_out
 from harness_opt.model.results import Followed, Motion, Snap, joined
 from harness_opt.model.spans import carried, in_spans, spans_of, too_short
 from harness_opt.motion.follower import Progress
 from harness_opt.motion.paper_sweep import sweep_by_quadrature
 from harness_opt.motion.path import given_frames, place_frames
-from harness_opt.motion.sweep import MOTION_TOLERANCE, followed, sweep
+from harness_opt.motion.sweep import MOTION_TOLERANCE, Sweep, SweptSpans, in_turn, sweep
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.rod.methods import check_method
@@ -72,23 +74,19 @@ def simulate(  # noqa: PLR0913
         raise ProblemError(short.values())
     begin = time.perf_counter()
     motion = place_frames(problem, spatial_step) if frames is None else given_frames(frames, spatial_step)
-    begins, spans, apart = _first_shapes(problem, first), spans_of(problem), in_spans(problem)
-    cables: dict[str, Followed] = {}
-    for name in spans:
-        if transcription == "dqm":
-            found = sweep_by_quadrature(apart, name, motion, options, begins.get(name), progress)
-        else:
-            swept = sweep(
+    begins = _first_shapes(problem, first)
+    if transcription == "dqm":
+        swept = _by_quadrature(problem, motion, options, begins, progress)
+    else:
+
+        def follow(apart: Problem, name: str, harness: FoundHarness | None) -> Sweep:
+            return sweep(
                 apart, name, motion, tolerance=tolerance, solver=solver, elements=elements, first=begins.get(name),
-                progress=progress,
+                harness=harness, progress=progress,
             )  # fmt: skip
-            found = followed(swept)
-        cables[name] = found
-        if found.status is Status.INTERRUPTED:
-            break
-        if found.shapes is not None:
-            apart = carried(apart, spans, name, float(motion[0]), found.shapes.quaternion[0, -1])
-    result = joined(problem, collect(apart, motion, cables, time.perf_counter() - begin))
+
+        swept = in_turn(problem, motion, follow, solver, progress)
+    result = joined(problem, collect(swept, motion, time.perf_counter() - begin))
     if throw and not result.ok:
         raise SolveError(result.message, result.status, result)
     return result
@@ -114,15 +112,36 @@ def _first_shapes(problem: Problem, first: Mapping[str, Shape] | None) -> dict[s
     return {name: shape.rod for name, shape in given.items()}
 
 
-def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], seconds: float) -> Motion:
-    """Return the motion that ``cables`` hold, cut to the frames that all cables with any frame have.
+def _by_quadrature(
+    problem: Problem, motion: Array, options: Quadrature, begins: Mapping[str, Rod], progress: Progress | None
+) -> SweptSpans:
+    """Follow all spans by the paper's transcription.
+
+    Raises:
+        ProblemError: free bodies, or clips that let the cable turn: these are found by the collocation.
+    """
+    spans, apart, cables = spans_of(problem), in_spans(problem), dict[str, Followed]()
+    if harnesses(apart, problem):
+        words = "expected 'collocation' with free bodies, and with clips that let the cable turn"
+        raise ProblemError(f"transcription: found 'dqm', {words}")
+    for name in spans:
+        cables[name] = found = sweep_by_quadrature(apart, name, motion, options, begins.get(name), progress)
+        if found.status is Status.INTERRUPTED:
+            break
+        if found.shapes is not None:
+            apart = carried(apart, spans, name, float(motion[0]), found.shapes.quaternion[0, -1])
+    return SweptSpans(apart, {}, cables)
+
+
+def collect(swept: SweptSpans, motion: Array, seconds: float) -> Motion:
+    """Return the motion of all spans, cut to the frames that all of them with any frame have.
 
     Args:
-        problem: what was simulated.
+        swept: each as far as it could be followed.
         motion: values of the frames asked for, (P,).
-        cables: each as far as it could be followed, by name.
         seconds: that it took.
     """
+    problem, cables = swept.problem, swept.followed
     solved = {name: found.shapes for name, found in cables.items() if found.shapes is not None}
     frames = min((len(shapes.position) for shapes in solved.values()), default=0)
     failed = [found for found in cables.values() if not found.status.ok]
@@ -137,4 +156,5 @@ def collect(problem: Problem, motion: Array, cables: Mapping[str, Followed], sec
         tuple(name for name, found in cables.items() if found.begins_through_itself),
         left_out(problem),
         {"solve": seconds},
+        swept.found,
     )

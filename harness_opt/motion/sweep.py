@@ -5,21 +5,24 @@ Each shape starts from the last ones; a cable that loses its shape is released t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from harness_opt.errors import Status
+from harness_opt.harness.freedoms import harnesses
+from harness_opt.harness.over_motion import FoundHarness, find
 from harness_opt.model.cable import End
+from harness_opt.model.courses import FoundPoses
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities, cubic_errors
-from harness_opt.model.spans import carried, in_spans, spans_of
+from harness_opt.model.spans import NOTHING_FOUND, carried, in_spans, spans_of
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import CableFollower, Progress
-from harness_opt.motion.frames import Frames, batch, blocks
+from harness_opt.motion.frames import Frames, batch, blocks, stretches
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
@@ -95,6 +98,7 @@ def sweep(  # noqa: PLR0913
     first: Rod | None = None,
     guesses: Sequence[Solved | None] | None = None,
     near: Fitted | None = None,
+    harness: FoundHarness | None = None,
     rigour: Rigour = "full",
     recovers: bool = True,
     progress: Progress | None = None,
@@ -112,12 +116,18 @@ def sweep(  # noqa: PLR0913
         first: the shape of the first frame, of a like cable; None leaves it to a cold start.
         guesses: solves of a like motion to start from, one a frame or None.
         near: a fit of a like cable to start from, for the roll of an untwisted end.
+        harness: that the cable is a span of, found over the same frames: what the shapes are taken from.
         rigour: "full"; "stable" leaves the stability margins out (NaN), whether the frames are stable is checked all
             the same; "quick look" leaves out stability and accuracy both.
         recovers: whether a cable that loses its shape is released, and followed on; the sweep ends there otherwise.
         progress: called with the cable's name, frames done, frames in all.
     """
     quick_look = rigour == "quick look"
+    if harness is not None:
+        guesses = on_one_mesh(stretches(harness.solves.get(name, ())), solver)
+        motion, recovers = motion[: len(guesses)], False
+        if not len(motion):
+            return _none(problem, name, harness.status, harness.message)
     cases = CableCases(problem, name, solver, near, first if motion[0] == 0.0 else None)
     follower = CableFollower(cases, motion, elements or 0, progress, recovers=recovers)
     try:
@@ -127,11 +137,10 @@ def sweep(  # noqa: PLR0913
     frames = on_one_mesh(follower.frames, solver)
     if len(frames) < len(follower.frames):
         status, message = Status.STEP_TOO_SMALL, follower.failure(len(frames), "no mesh serves for all frames")
+    if not frames:
+        return _none(problem, name, status, message)
     cable = problem.cables[name].cable
     units = rod_module.scale(cable)[1]
-    if not frames:
-        empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
-        return Sweep(frames, np.zeros((0, 3)), units, cable.diameter, empty, np.zeros(0), (), status, message)
     errors = np.full(len(frames), np.nan)
     if not quick_look:
         frames, errors = accurate(frames, tolerance, solver)
@@ -146,30 +155,82 @@ def sweep(  # noqa: PLR0913
         answer = _stability(frames)
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
+    snaps = tuple(follower.snaps)
+    if harness is not None:
+        snaps += tuple((frame, at, False) for frame, at in harness.snaps)
+        if status.ok:
+            status, message = harness.status, harness.message
     origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
     return Sweep(
-        frames, origins, units, cable.diameter, answer, errors, tuple(follower.snaps), status, message, cases.fitted,
+        frames, origins, units, cable.diameter, answer, errors, snaps, status, message, cases.fitted,
         follower.begins_through_itself,
     )  # fmt: skip
 
 
-def in_turn(problem: Problem, at: float, follow: Callable[[Problem, str], Sweep]) -> tuple[Problem, dict[str, Sweep]]:
+def _none(problem: Problem, name: str, status: Status, message: str) -> Sweep:
+    """Return the sweep of a cable of which no frame was solved."""
+    cable = problem.cables[name].cable
+    empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
+    units = rod_module.scale(cable)[1]
+    return Sweep(Frames(), np.zeros((0, 3)), units, cable.diameter, empty, np.zeros(0), (), status, message)
+
+
+@dataclass(frozen=True)
+class SweptSpans:
+    """The spans of all cables over the frames.
+
+    Args:
+        problem: of spans, with the rolls that clips were fitted in, and all that is free where it was found.
+        sweeps: by span, with the solver's own objects.
+        followed: the plain results, by span.
+        found: where everything free is, by name, as of :func:`~harness_opt.model.spans.in_spans`.
+    """
+
+    problem: Problem
+    sweeps: Mapping[str, Sweep]
+    followed: Mapping[str, Followed]
+    found: Mapping[str, FoundPoses] = field(default_factory=dict)
+
+
+def swept_spans(
+    problem: Problem, sweeps: Mapping[str, Sweep], found: Mapping[str, FoundPoses] = NOTHING_FOUND
+) -> SweptSpans:
+    """Return the spans of ``problem`` with the plain results of their ``sweeps``."""
+    return SweptSpans(problem, sweeps, {name: followed(one) for name, one in sweeps.items()}, found)
+
+
+def in_turn(
+    problem: Problem,
+    motion: Array,
+    follow: Callable[[Problem, str, FoundHarness | None], Sweep],
+    solver: str,
+    progress: Progress | None = None,
+) -> SweptSpans:
     """Follow the spans of all cables one after the other: what rolls clips are fitted in, the spans behind them hold.
+
+    Spans that free bodies or clips couple are found together first, then followed with these held.
 
     Args:
         problem: of whole cables.
-        at: motion value of the first frame.
-        follow: one span of the problem of spans, by name.
-
-    Returns:
-        The problem of spans with these rolls, and what was followed, by span.
+        motion: values (P,) of the frames.
+        follow: one span of the problem of spans, by name, with the harness that it is part of, if any.
+        solver: name of the one that harnesses are found by.
+        progress: as of :func:`sweep`.
     """
-    spans, apart, swept = spans_of(problem), in_spans(problem), dict[str, Sweep]()
+    spans, apart = spans_of(problem), in_spans(problem)
+    swept, found, coupled = dict[str, Sweep](), dict[str, FoundPoses](), dict[str, FoundHarness]()
+    groups = {span: freedoms for freedoms in harnesses(apart, problem) for span in freedoms.spans}
     for name in spans:
-        swept[name] = follow(apart, name)
+        if name in groups and name not in coupled:
+            harness = find(groups[name].of(apart), motion, solver, progress)
+            coupled |= dict.fromkeys(groups[name].spans, harness)
+            apart, found = harness.problem, {**found, **harness.found}
+        swept[name] = follow(apart, name, coupled.get(name))
+        if swept[name].status is Status.INTERRUPTED:
+            break
         if len(swept[name].frames):
-            apart = carried(apart, spans, name, at, swept[name].frames[0].rod.q[-1])
-    return apart, swept
+            apart = carried(apart, spans, name, float(motion[0]), swept[name].frames[0].rod.q[-1])
+    return swept_spans(apart, swept, found)
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:

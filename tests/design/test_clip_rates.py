@@ -59,11 +59,13 @@ SCALE = np.array([5.0 if "rotate" in name else 0.01 for name in NAMES])  # chang
 
 def swept_at(section: str, values: np.ndarray, near: dict | None):
     """Return the spans of the design ``values`` as they are followed, and their problem."""
-    apart, sweeps = in_turn(
+    swept = in_turn(
         design_variables.apply(problem(section), values),
-        0.0,
-        lambda apart, name: sweep(apart, name, FRAMES, elements=ELEMENTS, guesses=near and near[name].frames),
+        FRAMES,
+        lambda apart, name, _: sweep(apart, name, FRAMES, elements=ELEMENTS, guesses=near and near[name].frames),
+        "gauss-newton",
     )
+    apart, sweeps = swept.problem, swept.sweeps
     assert all(swept.status.ok and len(swept.rod.mesh) == ELEMENTS + 1 for swept in sweeps.values())
     return apart, sweeps
 

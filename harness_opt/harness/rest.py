@@ -1,0 +1,172 @@
+"""A harness let go: down its energy to a pose at which it is in balance, and stable."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from harness_opt.harness.balance import Harness, State
+from harness_opt.harness.freedoms import Pose
+from harness_opt.numerics.rotations import Array
+from harness_opt.rod.boundary import Case
+from harness_opt.statics.continuation import follow, step
+from harness_opt.statics.mesh import refine
+from harness_opt.statics.release import is_stable, stabilised
+from harness_opt.statics.solve import Solved, solve_on
+
+BALANCED = 1e-11  # of the loads, that may be left: some digits above what the spans are solved to
+ROUNDED = 1e-8  # of the loads, up to which what is left may be rounding: of stiff cables in light harnesses
+ACCURATE = 1e-9  # estimated error of the spans, in their lengths: what pulls at a joint is as right as its cable
+
+
+def moved(state: State, way: Array, at: float | None = None) -> State | None:
+    """Return ``state`` after a ``way`` (n,) in all freedoms, without dimensions; None where a span cannot follow."""
+    pose = state.harness.freedoms.moved(state.pose, way * state.harness.scales, state.placed)
+    return posed(state.harness, pose, state.at if at is None else at, [span.solved for span in state.spans])
+
+
+def posed(harness: Harness, pose: Pose, at: float, near: Sequence[Solved]) -> State | None:
+    """Return the state at ``pose`` and motion value ``at``, its spans continued from those ``near``; None in vain."""
+    placed = harness.freedoms.placed(pose, at)
+    cases = harness.cases(placed, near)
+    if cases is None:
+        return None
+    solves = []
+    for case, here in zip(cases, near, strict=True):
+        solved = _continued(case, here, harness.solver)
+        if solved is None:
+            return None
+        solves.append(solved)
+    return harness.state(at, pose, placed, solves)
+
+
+def _continued(case: Case, here: Solved, solver: str) -> Solved | None:
+    """Return the shape of ``case`` that ``here`` leads to; None where it is lost on the way."""
+    solved = step(case, here, None, 0.0, solver)
+    if solved is None:
+        begin = here.case
+        solved, reached = follow(lambda share: begin.blend(case, share), here, 0.0, 1.0, solver)
+        if reached != 1.0:
+            return None
+        solved = solve_on(case, solved.bound.mesh, solved.solution.x, solver, near=solved)
+    return solved if solved.ok else None
+
+
+def reheld(harness: Harness, state: State) -> State | None:
+    """Return ``state`` as a harness of the same cables that are held otherwise has it; None where a span is lost."""
+    placed, solves = harness.freedoms.placed(state.pose, state.at), []
+    cases = harness.cases(placed, [span.solved for span in state.spans])
+    if cases is None:
+        return None
+    for case, span in zip(cases, state.spans, strict=True):
+        rod, mesh = span.solved.rod, span.solved.bound.mesh
+        solved = solve_on(case.signed_like(rod.q[0], rod.q[-1]), mesh, span.solved.solution.x, harness.solver)
+        if not solved.ok:
+            return None
+        solves.append(solved)
+    return harness.state(state.at, state.pose, placed, solves)
+
+
+def newton(state: State, most: int = 12) -> State | None:
+    """Return the balanced state next to ``state`` by Newton's method; None where it does not come to one."""
+    for _ in range(most):
+        if state.miss <= BALANCED:
+            return state
+        values, vectors = state.curvature
+        along = vectors.T @ state.slope
+        inverse = np.where(np.abs(values) > state.neutral, 1.0, 0.0) / np.where(values == 0.0, 1.0, values)
+        way = -vectors @ (inverse * along)
+        if not np.max(np.abs(way), initial=0.0) < 0.5:  # rad, and lengths of a span: far beyond a corrector
+            return None
+        following = moved(state, way)
+        if following is None:
+            return None
+        if following.miss > 0.5 * state.miss and state.miss <= ROUNDED:
+            return min(state, following, key=lambda one: one.miss)
+        state = following
+    return state if state.miss <= ROUNDED else None
+
+
+def descend(state: State) -> State | None:
+    """Return the pose at rest to which ``state`` goes down its energy; None where no span follows it there.
+
+    By steps of a trust region with the Hessian's eigenvectors (Conn, Gould, Toint, "Trust-Region Methods", section
+    7.3); next to the rest Newton's method ends it, where the energy's differences are rounding.
+    """
+    most_steps, smallest, largest = 200, 1e-9, 0.5  # rad, and lengths of a span
+    near = 1e-6  # of the loads, from which Newton's method is tried
+    room = 0.2
+    for _ in range(most_steps):
+        if state.miss <= near and state.index == 0:
+            ended = newton(state)
+            if ended is not None and ended.index == 0:
+                return ended
+        way, gain = _step(state, room)
+        following = moved(state, way) if gain > 0.0 else None
+        if following is None:
+            if gain <= 0.0 or room < smallest:
+                return None
+            room *= 0.25
+            continue
+        lower = (state.energy - following.energy) / state.harness.stiff
+        rounding = 1e-13 * (1.0 + abs(state.energy) / state.harness.stiff)
+        better = lower > 0.1 * gain or (gain < 10.0 * rounding and following.miss < state.miss)
+        if better:
+            if lower > 0.75 * gain:
+                room = min(largest, 2.0 * room)
+            state = following
+        else:
+            room *= 0.25
+            if room < smallest:
+                break
+    return newton(state) if state.miss <= 1e-3 and state.index == 0 else None
+
+
+def _step(state: State, room: float) -> tuple[Array, float]:
+    """Return a step (n,) of at most ``room`` down the energy's quadratic model, and by how much that falls."""
+    values, vectors = state.curvature
+    along = vectors.T @ state.slope
+    stiff = np.maximum(np.abs(values), state.neutral + 1e-300)
+    if values[0] < -state.neutral and abs(along[0]) < 1e-6 * state.load:
+        along[0] = np.copysign(1e-6 * state.load, along[0])  # off a saddle, where the slope does not say to which side
+    low, high = 0.0, float(np.linalg.norm(along)) / room
+    way = -along / stiff
+    if np.linalg.norm(way) > room:
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if np.linalg.norm(along / (stiff + middle)) > room else (low, middle)
+        way = -along / (stiff + high)
+    gain = -float(along @ way + 0.5 * way @ (values * way))
+    return vectors @ way, gain
+
+
+def accurate(state: State) -> State | None:
+    """Return the balanced state on meshes that resolve every span; None where it is lost there."""
+    solves = [refine(span.solved, ACCURATE, state.harness.solver)[0] for span in state.spans]
+    if all(a is b.solved for a, b in zip(solves, state.spans, strict=True)):
+        return state
+    return newton(state.harness.state(state.at, state.pose, state.placed, solves))
+
+
+def at_rest(state: State) -> State | None:
+    """Return the stable state to which a harness goes from ``state``, resolved; None where none is found."""
+    most_releases = 6  # of spans that turned over on the way, and of poses that were saddles
+    for _ in range(most_releases):
+        rest = descend(state)
+        rest = None if rest is None else accurate(rest)
+        if rest is None:
+            return None
+        solver = rest.harness.solver
+        stable = [stabilised(span.solved, solver) for span in rest.spans]
+        if rest.index == 0 and all(a is b.solved for a, b in zip(stable, rest.spans, strict=True)):
+            return rest
+        if any(one is None for one in stable):
+            return None
+        state = rest.harness.state(rest.at, rest.pose, rest.placed, [one for one in stable if one is not None])
+    return None
+
+
+def is_at_rest(state: State) -> bool:
+    """Return whether a balanced state is stable: its pose, and its spans between their ends."""
+    return state.index == 0 and all(is_stable(span.solved, state.harness.solver) for span in state.spans)
