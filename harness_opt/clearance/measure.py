@@ -87,7 +87,7 @@ def measure(
         apart = split(given)
         found = of_whole_cables(problem, measure(apart.problem, scene, motion, apart.cables, options, between))
         return found if found.whole else replace(found, left_out=_unmeasured(given, scene, len(found.pairs)))
-    tasks = [_task(problem, name, cable, options or Options()) for name, cable in cables.items()]
+    tasks = [_task(problem, motion, name, cable, options or Options()) for name, cable in cables.items()]
     views = _Views(given, between) if between is not None and problem.moves and len(motion) > 1 else None
     give_up = (options or Options()).give_up or never
     poses = {part.body: problem.poses(part.body, motion) for part in scene.parts.values()}
@@ -206,7 +206,11 @@ class _Views:
         for name, shapes in given.cables.items():
             frames = np.array([snap.frame for snap in between.snaps if snap.cable == name], dtype=np.int64)
             jumps = 0.5 * (motion[frames - 1] + motion[frames])
-            solved = SolvedFrames(name, motion, shapes, between.solve, jumps=jumps, turns=turns, moments=moments)
+            slides = given.problem.cables[name].slid is not None
+            stretch = functools.partial(_stretch, given.problem, name) if slides else None
+            solved = SolvedFrames(
+                name, motion, shapes, between.solve, jumps=jumps, turns=turns, moments=moments, stretch=stretch
+            )
             solved.insert(turns[(turns > motion[0]) & (turns < motion[-1])])
             self.frames[name] = solved
 
@@ -249,15 +253,21 @@ class _Views:
         return at
 
 
-def _task(problem: Problem, name: str, shapes: CableMotion, options: Options) -> Task:
+def _stretch(problem: Problem, cable: str, motion: Array) -> Array:
+    """Return the share (P,) of the length that is counted along ``cable`` which it has at ``motion`` (P,)."""
+    return problem.lengths(cable, motion) / problem.cables[cable].cable.length
+
+
+def _task(problem: Problem, motion: Array, name: str, shapes: CableMotion, options: Options) -> Task:
     """Return the search for cable ``name``, in the world and without a limit."""
     cable, error = problem.cables[name].cable, float(cubic_errors(shapes).max())
     tolerance = 0.01 * cable.diameter if options.tolerance is None else options.tolerance
     if not problem.moves:  # then the frame is all there is, and what the cubics miss of it comes on top
         tolerance -= min(error, 0.5 * tolerance)
+    slopes = _stretch(problem, name, motion)[:, None, None] * rotations.tangent(shapes.quaternion)
     return Task(
         cable=name,
-        curve=Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion)),
+        curve=Curve(shapes.s, shapes.position, slopes),
         radius=cable.radius,
         error=error,
         tolerance=tolerance,

@@ -33,6 +33,8 @@ class SolvedFrames:
         jumps: motion values inside the intervals in which the cable snaps.
         turns: motion values at which bodies turn round, so that nothing is smooth across them.
         moments: what motion values are told in.
+        stretch: share of ``shapes.s`` that the cable is long at motion values (k,), (k,): 1 but of a span between clips
+            that it slides through.
     """
 
     def __init__(
@@ -45,10 +47,12 @@ class SolvedFrames:
         jumps: Array,
         turns: Array,
         moments: Moments = SHARES,
+        stretch: Callable[[Array], Array] | None = None,
     ):
         self.cable, self._solve, self.jumps, self.turns, self.moments = cable, solve, jumps, turns, moments
         self.s, self.times = shapes.s, motion
-        self.position, self.tangent = shapes.position, rotations.tangent(shapes.quaternion)
+        self._stretch = stretch
+        self.position, self.tangent = shapes.position, self._slopes(shapes.quaternion, motion)
         self.curvature = shapes.curvature
         self.force, self.moment = shapes.force[:, [0, -1]], shapes.moment[:, [0, -1]]  # at the two ends
         own = float(np.nan_to_num(np.max(shapes.estimated_error)))
@@ -82,17 +86,23 @@ class SolvedFrames:
         shapes, why = self._solve(self.cable, values)
         self._lost |= {float(value): reason for value, reason in zip(values, why, strict=True) if reason}
         found = np.array([not reason for reason in why], dtype=bool)
+        slopes = self._slopes(shapes.quaternion, values[found])
         times = np.concatenate([self.times, values[found]])
         order = np.argsort(times, kind="stable")
         self.times = times[order]
         for name, more in (
             ("position", shapes.position),
-            ("tangent", rotations.tangent(shapes.quaternion)),
+            ("tangent", slopes),
             ("curvature", shapes.curvature),
             ("force", shapes.force[:, [0, -1]]),
             ("moment", shapes.moment[:, [0, -1]]),
         ):
             setattr(self, name, np.concatenate([getattr(self, name), more])[order])
+
+    def _slopes(self, quaternion: Array, at: Array) -> Array:
+        """Return the derivatives by ``s`` (k, N, 3) of centrelines with frames (k, N, 4) at motion values (k,)."""
+        tangent = rotations.tangent(quaternion)
+        return tangent if self._stretch is None else self._stretch(at)[:, None, None] * tangent
 
     def complete(self) -> None:
         """Solve as many frames as a cubic needs on every stretch without a break."""

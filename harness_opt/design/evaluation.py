@@ -203,7 +203,7 @@ class Evaluator:
             swept = in_turn(changed, motion_values, follow, self.solver, self.progress)
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
-        apart, sweeps = swept.problem, swept.sweeps
+        changed, apart, sweeps = swept.whole, swept.problem, swept.sweeps
         if any(one.status is Status.INTERRUPTED for one in sweeps.values()):
             raise KeyboardInterrupt
         if not all(one.status.ok for one in sweeps.values()):

@@ -107,7 +107,8 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
     swept = in_turn(
         whole_problem, frames, lambda apart, name, harness: sweep(apart, name, frames, harness=harness), SOLVER
     )
-    problem, sweeps, found = swept.problem, swept.sweeps, collect(swept, frames, 0.0)
+    whole_problem, problem, sweeps = swept.whole, swept.problem, swept.sweeps
+    found = collect(swept, frames, 0.0)
     if not found.ok:
         raise SolveError(found.message, found.status, joined(whole_problem, found))
     sides = [_sides(quantities, quantity, whole_problem, sweeps) for quantity in chosen]
@@ -259,8 +260,13 @@ def _column(name: str, swept: Sweep, frames: Array, side: _Sides, shares: Array)
             moved.append(dataclasses.replace(frame, case=cases[k], bound=equations[k], solution=solution))
         units = scale(problem.cables[name].cable)[1]
         last = np.array([frame.rod.r[-1] for frame in moved])
-        origins = start_positions(problem.ends(name, frames), last, units)
-        shapes.append(cable_motion(dataclasses.replace(swept, frames=moved, origins=origins, units=units), shares))
+        lengths = problem.lengths(name, frames)
+        origins = start_positions(problem.ends(name, frames), last, lengths)
+        shapes.append(
+            cable_motion(
+                dataclasses.replace(swept, frames=moved, origins=origins, units=units, lengths=lengths), shares
+            )
+        )
     more, less = shapes
     return _Column(
         *(

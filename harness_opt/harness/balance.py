@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.harness.freedoms import Freedoms, PlacedEnds, Pose
-from harness_opt.harness.span_loads import POSITION, ROTATION, SIZE, SpanLoads
-from harness_opt.model.cable import CableRun
+from harness_opt.harness.span_loads import LENGTH, POSITION, ROTATION, SIZE, SpanLoads
+from harness_opt.model.cable import ENDS, CableRun
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 from harness_opt.rod import equations as rod_module
 from harness_opt.rod.boundary import Boundary, Case, Kind
-from harness_opt.rod.equations import Units
+from harness_opt.rod.equations import Section, Units
 from harness_opt.statics.solve import Solved
 
 NEUTRAL = 1e-9  # of the largest eigenvalue: below it a pose may be moved freely
@@ -52,7 +52,8 @@ class State:
         """Of the spans, and of the free bodies' weights, J."""
         weights = self.harness.masses[:, None] * self.harness.gravity
         work = float(np.sum(weights * self.pose.positions))
-        return sum((span.energy for span in self.spans), -work)
+        energies: list[float] = [span.energy for span in self.spans]
+        return sum(energies) - work
 
     @functools.cached_property
     def gradient(self) -> Array:
@@ -105,11 +106,15 @@ class State:
                     block[ROTATION[side], 3:] = np.eye(3)
                     columns, blocks = [*columns, np.arange(own.start, own.stop)], [*blocks, block]
                 if end.clip is not None:
-                    own, count = freedoms.of_clip(end.clip), freedoms.clips[end.clip].clip.freedoms
-                    block = np.zeros((SIZE, count))
+                    own, slide = freedoms.of_clip(end.clip), freedoms.slide_of(end.clip)
+                    block = np.zeros((SIZE, own.stop - own.start))
                     tangent = rotations.tangent(self.placed.clips[end.clip])
-                    block[ROTATION[side]] = tangent[:, None] if count == 1 else np.eye(3)
+                    block[ROTATION[side]] = {0: np.zeros((3, 0)), 1: tangent[:, None], 3: np.eye(3)}[block.shape[1]]
                     columns, blocks = [*columns, np.arange(own.start, own.stop)], [*blocks, block]
+                    if slide is not None:
+                        longer = np.zeros((SIZE, 1))
+                        longer[LENGTH] = 1.0 if side else -1.0
+                        columns, blocks = [*columns, np.array([slide])], [*blocks, longer]
             found.append((np.concatenate(columns), np.concatenate(blocks, axis=1)))
         return found
 
@@ -120,11 +125,17 @@ class State:
         """The gradient without dimensions, (n,)."""
         return self.gradient * self.harness.scales / self.harness.stiff
 
+    @property
+    def matrix(self) -> Array:
+        """The Hessian without dimensions, made symmetric, (n, n)."""
+        scaled = self.hessian * np.outer(self.harness.scales, self.harness.scales) / self.harness.stiff
+        symmetric: Array = 0.5 * (scaled + scaled.T)
+        return symmetric
+
     @functools.cached_property
     def curvature(self) -> tuple[Array, Array]:
-        """Eigenvalues (n,), ascending, and eigenvectors (n, n) of the symmetric Hessian without dimensions."""
-        scaled = self.hessian * np.outer(self.harness.scales, self.harness.scales) / self.harness.stiff
-        values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        """Eigenvalues (n,), ascending, and eigenvectors (n, n) of :attr:`matrix`."""
+        values, vectors = np.linalg.eigh(self.matrix)
         return values, vectors
 
     @property
@@ -147,7 +158,8 @@ class State:
             for span in self.spans
             for side in (0, 1)
         ]
-        return 1.0 + max([*weights, *map(float, ends)]) / stiff
+        largest: float = max([*weights, *map(float, ends)])
+        return 1.0 + largest / stiff
 
     @property
     def miss(self) -> float:
@@ -173,14 +185,22 @@ class Harness:
         ways = np.zeros(freedoms.size, dtype=bool)
         for body in range(len(freedoms.bodies)):
             ways[freedoms.of_body(body)][:3] = True
+        for clip in range(len(freedoms.clips)):
+            slide = freedoms.slide_of(clip)
+            if slide is not None:
+                ways[slide] = True
         self.scales = np.where(ways, self.length, 1.0)
         self._templates = [_unplaced(problem.cables[span], self.gravity) for span in freedoms.spans]
 
     def cases(self, placed: PlacedEnds, near: Sequence[Solved | None]) -> list[Case] | None:
         """Return the cases of all spans, signed like those ``near``; None where a span does not reach."""
         found = []
-        for number, template in enumerate(self._templates):
-            boundary, kind, length = template.boundary, template.boundary.kind, self.units[number].length
+        for number, unplaced in enumerate(self._templates):
+            length = float(placed.lengths[number])
+            if not length > 0.0:  # slid out of its clips
+                return None
+            template = _of_length(unplaced, length / self.units[number].length)
+            boundary, kind = template.boundary, template.boundary.kind
             changed = {}
             if kind.start_position and kind.end_position:
                 gap = (placed.positions[number, 1] - placed.positions[number, 0]) / length
@@ -203,11 +223,36 @@ class Harness:
         """Return the state of solved spans."""
         spans = []
         for number, solved in enumerate(solves):
-            origin, units = placed.positions[number, 0], self.units[number]
+            origin, units = placed.positions[number, 0], _longer(self.units[number], float(placed.lengths[number]))
             if not solved.case.boundary.kind.start_position:
                 origin = placed.positions[number, 1] - units.length * solved.rod.r[-1]
             spans.append(SpanLoads(solved, units, origin))
         return State(self, at, pose, placed, tuple(spans))
+
+
+def _longer(units: Units, length: float) -> Units:
+    """Return the units of a span of another ``length``, m."""
+    if length == units.length:
+        return units
+    ratio = units.length / length
+    return Units(length, units.force * ratio**2, units.moment * ratio)
+
+
+def _of_length(unplaced: Case, ratio: float) -> Case:
+    """Return the case of a span ``ratio`` times as long: loads without dimensions grow with its length."""
+    if ratio == 1.0:
+        return unplaced
+    section, boundary = unplaced.section, unplaced.boundary
+    loads = {
+        f"{side}_{kind}": ratio**power * getattr(boundary, f"{side}_{kind}")
+        for side in ENDS
+        for kind, power in (("force", 2), ("moment", 1))
+    }
+    return Case(
+        Section(section.stiffness, ratio * section.rest_curvature),
+        ratio**3 * unplaced.load,
+        dataclasses.replace(boundary, **loads),
+    )
 
 
 def _unplaced(run: CableRun, gravity: Array) -> Case:

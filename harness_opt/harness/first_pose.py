@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from harness_opt.harness.balance import Harness, State
@@ -73,7 +75,7 @@ def guess(harness: Harness, at: float, reach: float) -> Pose:
             moves[given] = 0.0
         elif not np.any(excess > 0.0):
             break
-        pose = Pose(pose.positions + moves, pose.quaternions, pose.frames)
+        pose = dataclasses.replace(pose, positions=pose.positions + moves)
     return _turned(harness, pose, at, given)
 
 
@@ -100,7 +102,7 @@ def _turned(harness: Harness, pose: Pose, at: float, given: list[bool]) -> Pose:
                     wanted.append(gap[span])
         if own:
             quaternions[body] = rotations.multiply(_aligned(np.array(own), np.array(wanted)), quaternions[body])
-    pose = Pose(pose.positions, quaternions, frames)
+    pose = dataclasses.replace(pose, quaternions=quaternions)
     placed = freedoms.placed(pose, at)
     for number, clip in enumerate(freedoms.clips):
         if clip.clip.freedoms < 3 or clip.clip.frame is not None:
@@ -109,7 +111,7 @@ def _turned(harness: Harness, pose: Pose, at: float, given: list[bool]) -> Pose:
         world, frame = placed.clips[number], rotations.from_tangent(_mean(along))
         carried = rotations.multiply(world, rotations.conjugate(pose.frames[number]))
         frames[number] = rotations.multiply(rotations.conjugate(carried), frame)
-    return Pose(pose.positions, quaternions, frames)
+    return dataclasses.replace(pose, frames=frames)
 
 
 def _mean(directions: list[Array]) -> Array:

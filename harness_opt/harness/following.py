@@ -1,24 +1,32 @@
 """A harness followed over the motion: what is free in it is found in every frame, over folds and snaps.
 
-The steps are those of a single cable (:mod:`harness_opt.statics.continuation`): a pose is extrapolated, corrected by
-Newton's method, and taken only where it stays near and is stable; a harness that loses its shape is let go there.
+As a single cable is (:mod:`harness_opt.motion.follower`): a pose is extrapolated, corrected by Newton's method, and
+taken where it stays near; stability and accuracy are looked at for many frames together, and gone back to where they
+are lost. There the harness is let go.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.harness.balance import Harness, State
-from harness_opt.harness.rest import accurate, at_rest, is_at_rest, moved, newton, posed
+from harness_opt.harness.balance import State
+from harness_opt.harness.freedoms import Pose
+from harness_opt.harness.rest import ACCURATE, FOLLOWED, accurate, at_rest, is_at_rest, moved, newton, posed
 from harness_opt.numerics.rotations import Array
+from harness_opt.rod.stability import doubt, surely_stable
 from harness_opt.statics.continuation import LEAST_STEP, MOST_TURNING, turning
+from harness_opt.statics.release import is_stable
+from harness_opt.statics.solve import batch, estimates
 
+BATCH = 16  # frames that are looked at together; a lost one sends it back there
 MOST_STEPS = 300  # tried on the way from one frame to the next, taken or not
+MOST_TRAIL = 5  # states that the next one is predicted from
+JUMP = 0.2  # rad, largest turning of a section above which a loss is a snap, as of a single cable
 CORRECTIONS = 8  # of Newton's method, of a step that is not too long
 
 Progress = Callable[[str, int, int], None]
@@ -45,81 +53,153 @@ def follow_harness(first: State, motion: Array, progress: Progress | None = None
 
     Args:
         first, motion: as above.
-        progress: called with the name of its first span, frames done, frames in all; one that raises KeyboardInterrupt
-            ends it.
+        progress: called with the name of its first span, frames done, frames in all; where it raises KeyboardInterrupt,
+            the harness ends there.
     """
-    harness = first.harness
-    found, before = FollowedHarness([first]), None
-    for frame in range(1, len(motion)):
-        here = found.states[-1]
-        state, before = _to(harness, here, before, float(motion[frame]), found, frame)
-        if state is None:
-            names = ", ".join(harness.freedoms.spans)
-            at = harness.freedoms.problem.moments.words(float(motion[frame]))
-            found.status = Status.STEP_TOO_SMALL
-            found.message = (
-                f"harness of {names}, frame {frame} of {len(motion)} ({at}): the shape was lost and no stable one was "
-                "found; try a smaller motion.spatial_step, more length, or other clips"
-            )
-            break
-        found.states.append(state)
-        if progress:
-            progress(harness.freedoms.spans[0], frame + 1, len(motion))
+    found, trail, checked, careful = FollowedHarness([first]), [first], 1, False
+    states = found.states
+    while len(states) < len(motion) or checked < len(states):
+        frame = len(states)
+        if frame < len(motion) and frame - checked < BATCH:
+            reached = _walk(trail, float(motion[frame]), careful=careful)
+            if not reached:
+                if careful or checked == frame:
+                    state = _over_snaps(trail, float(motion[frame]), found, frame)
+                    if state is None:
+                        _give_up(found, motion)
+                        break
+                    careful, checked = False, frame + 1
+                else:  # perhaps one of the frames before it is lost already
+                    trail, careful = _back_to(states, checked), True
+                    continue
+            states.append(trail[-1])
+            if careful:
+                careful, checked = False, frame + 1
+            if progress:
+                try:
+                    progress(first.harness.freedoms.spans[0], frame + 1, len(motion))
+                except KeyboardInterrupt:
+                    found.status, found.message = Status.INTERRUPTED, Status.INTERRUPTED.value
+                    break
+            continue
+        bad = _first_bad(states, checked)
+        if bad is None:
+            checked = len(states)
+            continue
+        trail, careful, checked = _back_to(states, bad), True, bad
     return found
 
 
-def _to(
-    harness: Harness, here: State, before: State | None, target: float, found: FollowedHarness, frame: int
-) -> tuple[State | None, State | None]:
-    """Return the state at ``target``, and the one before it on the way, over snaps if need be; None in vain."""
+def _back_to(states: list[State], count: int) -> list[State]:
+    """Keep the first ``count`` states alone, and return where to go on from."""
+    del states[count:]
+    return [states[-1]]
+
+
+def _give_up(found: FollowedHarness, motion: Array) -> None:
+    """Say that the next frame was not found."""
+    freedoms, frame = found.states[0].harness.freedoms, len(found.states)
+    at = freedoms.problem.moments.words(float(motion[frame]))
+    found.status = Status.STEP_TOO_SMALL
+    found.message = (
+        f"harness of {', '.join(freedoms.spans)}, frame {frame} of {len(motion)} ({at}): the shape was lost and no "
+        "stable one was found; try a smaller motion.spatial_step, more length, or other clips"
+    )
+
+
+def _first_bad(states: Sequence[State], first: int) -> int | None:
+    """Return the first state from number ``first`` on that is unstable, or whose spans are not resolved."""
+    bad = [first + k for k, state in enumerate(states[first:]) if state.index > 0][:1]
+    for number in range(len(states[0].spans)):
+        solves = [state.spans[number].solved for state in states[first:]]
+        begin = 0
+        for k in range(1, len(solves) + 1):  # those together that follow each other on one mesh
+            if k < len(solves) and np.array_equal(solves[k].bound.mesh, solves[begin].bound.mesh):
+                continue
+            own = solves[begin:k]
+            errors = np.array([error for error, _ in estimates(own)])
+            bad += [first + begin + int(np.argmax(errors > ACCURATE))] if np.any(errors > ACCURATE) else []
+            if not surely_stable(batch(own), own[0].case.boundary.kind, doubt(errors)):
+                solver = states[0].harness.solver
+                bad += [first + begin + j for j, one in enumerate(own) if not is_stable(one, solver)][:1]
+            begin = k
+    return min(bad, default=None)
+
+
+def _over_snaps(trail: list[State], target: float, found: FollowedHarness, frame: int) -> State | None:
+    """Return the state at ``target`` of a harness that was lost on the way there; None in vain.
+
+    Args:
+        trail: the last states, to which those on the way are added.
+        target: motion value.
+        found: what the snaps are added to.
+        frame: number of the frame there.
+    """
     most_losses = 8  # between two frames
     for _ in range(most_losses):
-        state, before = _walk(here, before, target)
-        if state.at == target:
-            return state, before
-        released = _released(state, target)
+        if _walk(trail, target, careful=True):
+            return trail[-1]
+        released = _released(trail[-1], target)
         if released is None:
-            return None, None
-        if _apart(state, released):
+            return None
+        if _turned(trail[-1], released) > JUMP:
             found.snaps.append((frame, released.at))
-        here, before = released, None
-        if here.at == target:
-            return here, None
-    return None, None
+        trail[:] = [released]
+        if released.at == target:
+            return released
+    return None
 
 
-def _walk(here: State, before: State | None, target: float) -> tuple[State, State | None]:
-    """Follow a state towards ``target`` as far as it goes; return it, and the one before it on the way."""
-    shortest = abs(target - here.at) * LEAST_STEP
-    length = target - here.at
+def _walk(trail: list[State], target: float, *, careful: bool) -> bool:
+    """Follow the last state of ``trail`` towards ``target`` as far as it goes, and add those on the way.
+
+    Returns whether it came there. ``careful``: every state on the way is resolved and stable, or not taken.
+    """
+    begin = trail[-1].at
+    shortest, length = abs(target - begin) * LEAST_STEP, target - begin
     for _ in range(MOST_STEPS):
+        here = trail[-1]
         if here.at == target:
-            break
+            return True
         at = target if abs(target - here.at) <= abs(length) * (1.0 + 1e-9) else here.at + length
-        taken = _step(here, before, at)
+        taken = _step(trail, at)
+        if careful and taken is not None:
+            taken = accurate(taken)
+            taken = taken if taken is not None and is_at_rest(taken) else None
         if taken is None:
             length *= 0.5
             if abs(length) < shortest:
-                break
+                return False
             continue
-        here, before = taken, here
+        trail.append(taken)
+        del trail[:-MOST_TRAIL]
         length *= 2.0
-    return here, before
+    return trail[-1].at == target
 
 
-def _step(here: State, before: State | None, at: float) -> State | None:
-    """Go from ``here`` to motion value ``at`` in one step; None where it is too long to be trusted."""
-    pose = here.pose
-    if before is not None and here.at != before.at:
-        pose = pose.ahead(before.pose, (at - here.at) / (here.at - before.at))
-    predicted = posed(here.harness, pose, at, [span.solved for span in here.spans])
+def _step(trail: Sequence[State], at: float) -> State | None:
+    """Go from the last state of ``trail`` to motion value ``at`` in one step; None where it is too long to be trusted.
+
+    It is predicted by the polynomial in the motion through as many of the last states as are on the same meshes.
+    """
+    here, same = trail[-1], [trail[-1]]
+    for state in reversed(trail[:-1]):
+        meshes = zip(state.spans, here.spans, strict=True)
+        if not all(np.array_equal(a.solved.bound.mesh, b.solved.bound.mesh) for a, b in meshes):
+            break
+        same.insert(0, state)
+    places = np.array([state.at for state in same])
+    weights = np.array([np.prod([(at - q) / (p - q) for q in places if q != p]) for p in places])
+    pose = Pose.weighted([state.pose for state in same], weights)
+    guesses = [
+        weights @ np.array([state.spans[number].solved.solution.x for state in same])
+        for number in range(len(here.spans))
+    ]
+    predicted = posed(here.harness, pose, at, [span.solved for span in here.spans], guesses=guesses)
     if predicted is None:
         return None
-    state = newton(predicted, CORRECTIONS)
-    if state is None or _turned(predicted, state) > MOST_TURNING:
-        return None
-    state = accurate(state)
-    return state if state is not None and is_at_rest(state) else None
+    balanced = newton(predicted, CORRECTIONS, here, FOLLOWED)
+    return None if balanced is None or _turned(predicted, balanced) > MOST_TURNING else balanced
 
 
 def _turned(one: State, other: State) -> float:
@@ -128,12 +208,6 @@ def _turned(one: State, other: State) -> float:
         turning(a.solved.rod.q, b.solved.rod.sample(a.solved.rod.mesh).q)
         for a, b in zip(one.spans, other.spans, strict=True)
     )
-
-
-def _apart(one: State, other: State) -> bool:
-    """Whether it is a jump from one state to the next, and not only a lean out of the first."""
-    jump = 0.2  # rad, as of a single cable
-    return _turned(one, other) > jump
 
 
 def _released(here: State, target: float) -> State | None:
@@ -145,7 +219,7 @@ def _released(here: State, target: float) -> State | None:
         at = beyond + float(wait) * (target - beyond)
         for size in sizes:
             for sign in (1.0, -1.0):
-                begun = moved(here, sign * size * direction, at)
+                begun = moved(here, sign * size * direction, at, lets_go=True)
                 rest = None if begun is None else at_rest(begun)
                 if rest is not None:
                     return rest

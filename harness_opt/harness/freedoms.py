@@ -1,25 +1,27 @@
 """What is free in a harness: bodies that hang on their cables, and clips that let the cable turn; and its spans' ends.
 
 A step of it is, for each free body, the way of its origin and a small rotation about that, both in the world; for each
-clip, a small rotation: about its tangent, or all three. What a body carries goes along.
+clip, a small rotation, about its tangent or all three, and by how much the cable slides on in it. What a body carries
+goes along.
 """
 
 from __future__ import annotations
 
 import copy
-import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.model.bodies import WORLD, composed, seen_from
+from harness_opt.model.bodies import WORLD, seen_from
 from harness_opt.model.cable import Clip, End
 from harness_opt.model.courses import FoundPoses
 from harness_opt.model.problem import Problem
 from harness_opt.model.spans import clip_key, spans_of
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
+from harness_opt.numerics.vectors import Indices
 
 BODY = 6  # freedoms of a body
 
@@ -30,7 +32,7 @@ class SpanEnd:
 
     Args:
         carrier: number of the free body that carries it; None where none does.
-        clip: number of the clip whose turning is free; None where none is.
+        clip: number of the clip that leaves the cable free there; None where none does.
     """
 
     carrier: int | None
@@ -39,7 +41,7 @@ class SpanEnd:
 
 @dataclass(frozen=True)
 class FreeClip:
-    """A clip that lets the cable turn.
+    """A clip that lets the cable turn or slide.
 
     Args:
         key: see :func:`~harness_opt.model.spans.clip_key`.
@@ -59,21 +61,33 @@ class Pose:
     Args:
         positions, quaternions: of the bodies in the world, (b, 3), m, and (b, 4).
         frames: of the section in the clips, in the coordinates of each clip's body, (c, 4).
+        places: arc lengths of the cables in the clips, (c,), m.
     """
 
     positions: Array
     quaternions: Array
     frames: Array
+    places: Array
 
-    def ahead(self, before: Pose, ratio: float) -> Pose:
-        """Return where steps like that from ``before`` lead: ``ratio`` times as far on."""
+    @staticmethod
+    def weighted(poses: Sequence[Pose], weights: Array) -> Pose:
+        """Return the sum of ``poses`` by ``weights`` (k,), which sum up to 1; turns are taken from the last of them."""
+        last = poses[-1]
 
-        def on(now: Array, then: Array) -> Array:
-            step = rotations.small_rotation_vector(rotations.multiply(now, rotations.conjugate(then)))
-            return rotations.multiply(rotations.from_rotation_vector(ratio * step), now)
+        def turned(quaternions: Sequence[Array]) -> Array:
+            ways = [
+                rotations.small_rotation_vector(rotations.multiply(q, rotations.conjugate(quaternions[-1])))
+                for q in quaternions
+            ]
+            turn = np.einsum("k,kbi->bi", weights, np.array(ways))
+            return rotations.multiply(rotations.from_rotation_vector(turn), quaternions[-1])
 
-        positions = self.positions + ratio * (self.positions - before.positions)
-        return Pose(positions, on(self.quaternions, before.quaternions), on(self.frames, before.frames))
+        return Pose(
+            np.einsum("k,kbi->bi", weights, np.array([pose.positions for pose in poses])),
+            turned([pose.quaternions for pose in poses]) if len(last.quaternions) else last.quaternions,
+            turned([pose.frames for pose in poses]) if len(last.frames) else last.frames,
+            weights @ np.array([pose.places for pose in poses]),
+        )
 
 
 @dataclass(frozen=True)
@@ -82,12 +96,32 @@ class PlacedEnds:
 
     Args:
         positions, frames: (S, 2, 3), m, and (S, 2, 4); NaN where an end has none.
+        lengths: of the spans, (S,), m.
         clips: frames of the free clips in the world, (c, 4).
     """
 
     positions: Array
     frames: Array
+    lengths: Array
     clips: Array
+
+
+@dataclass(frozen=True)
+class HeldEnds:
+    """What holds the ends of all spans, as arrays.
+
+    Args:
+        names: of the bodies that carry any, u of them.
+        carriers: number of the free body that each hangs on; None where it does on none.
+        bodies: of the ends, by their number, (S, 2).
+        positions, frames: in the coordinates of these, (S, 2, 3), m, and (S, 2, 4); NaN where an end has none.
+    """
+
+    names: Sequence[str]
+    carriers: Sequence[int | None]
+    bodies: Indices
+    positions: Array
+    frames: Array
 
 
 class Freedoms:
@@ -101,29 +135,31 @@ class Freedoms:
 
     def __init__(self, apart: Problem, whole: Problem, spans: Sequence[str]):
         self.problem, self.spans = apart, tuple(spans)
+        self._stood: tuple[float, Array, Array] | None = None  # where bodies stand at the motion value last asked for
         known, clips = spans_of(whole), dict[str, FreeClip]()
         self.bodies = tuple(dict.fromkeys(name for span in spans for name in _free_bodies(apart, span)))
         rows = []
         for span in spans:
             run, ends = apart.cables[span], []
             for end, name in zip((run.start, run.end), known[span].clamps, strict=True):
-                root = root_of(apart, end.body)
+                root = apart.root(end.body)
                 carrier = self.bodies.index(root) if root in self.bodies else None
                 clip = whole.cables[known[span].cable].clamps[name]
                 key = clip_key(known[span].cable, name)
-                if isinstance(clip, Clip) and clip.freedoms:
+                if isinstance(clip, Clip) and clip.is_free:
                     clips.setdefault(key, FreeClip(key, clip, carrier))
                 ends.append(SpanEnd(carrier, list(clips).index(key) if key in clips else None))
             rows.append((ends[0], ends[1]))
         self.ends: tuple[tuple[SpanEnd, SpanEnd], ...] = tuple(rows)
         self.clips = tuple(clips.values())
-        counts = [BODY] * len(self.bodies) + [clip.clip.freedoms for clip in self.clips]
+        counts = [BODY] * len(self.bodies) + [clip.clip.freedoms + clip.clip.slides for clip in self.clips]
         self.places = np.concatenate([[0], np.cumsum(counts)]).astype(int)  # of their first freedom
 
     def of(self, apart: Problem) -> Freedoms:
         """Return the same freedoms of another problem in spans, with other rolls."""
         other = copy.copy(self)
-        other.problem = apart
+        other.problem, other._stood = apart, None
+        vars(other).pop("_held", None)
         return other
 
     @property
@@ -140,53 +176,84 @@ class Freedoms:
         return slice(self.places[body], self.places[body] + BODY)
 
     def of_clip(self, clip: int) -> slice:
-        """Return which freedoms are a clip's, by its number."""
-        number = len(self.bodies) + clip
-        return slice(self.places[number], self.places[number + 1])
+        """Return which freedoms are a clip's rotations, by its number."""
+        first = self.places[len(self.bodies) + clip]
+        return slice(first, first + self.clips[clip].clip.freedoms)
+
+    def slide_of(self, clip: int) -> int | None:
+        """Return which freedom is the cable's sliding in a clip, by its number; None where it is held."""
+        return int(self.of_clip(clip).stop) if self.clips[clip].clip.slides else None
 
     def placed(self, pose: Pose, at: float) -> PlacedEnds:
         """Return the ends of the spans at ``pose`` and motion value ``at``."""
-        positions, frames = np.full((len(self.spans), 2, 3), np.nan), np.full((len(self.spans), 2, 4), np.nan)
-        clips = np.zeros((len(self.clips), 4))
-        for k, (span, ends) in enumerate(zip(self.spans, self.ends, strict=True)):
-            run = self.problem.cables[span]
-            for side, (described, end) in enumerate(zip((run.start, run.end), ends, strict=True)):
-                stands = self._stands(described, end.carrier, pose, at)
-                if described.position is not None:
-                    positions[k, side] = stands[0] + rotations.rotate(stands[1], described.position)
+        held, (stood, turned) = self._held, self._standing(at)
+        for body, number in enumerate(held.carriers):
+            if number is not None:
+                carrier = pose.positions[number], pose.quaternions[number]
+                stood[body] = carrier[0] + rotations.rotate(carrier[1], stood[body])
+                turned[body] = rotations.multiply(carrier[1], turned[body])
+        positions = stood[held.bodies] + rotations.rotate(turned[held.bodies], held.positions)
+        frames = rotations.multiply(turned[held.bodies], held.frames)
+        clips, lengths = np.zeros((len(self.clips), 4)), self.lengths()
+        for span, ends in enumerate(self.ends):
+            for side, end in enumerate(ends):
                 if end.clip is not None:
-                    clips[end.clip] = frames[k, side] = rotations.multiply(stands[1], pose.frames[end.clip])
-                elif described.frame is not None:
-                    frames[k, side] = rotations.multiply(stands[1], described.frame)
-        return PlacedEnds(positions, frames, clips)
+                    clips[end.clip] = rotations.multiply(turned[held.bodies[span, side]], pose.frames[end.clip])
+                    frames[span, side] = clips[end.clip]
+                    slid = pose.places[end.clip] - self.clips[end.clip].clip.at
+                    lengths[span] += slid if side else -slid
+        return PlacedEnds(positions, frames, lengths, clips)
 
-    def _stands(self, end: End, carrier: int | None, pose: Pose, at: float) -> tuple[Array, Array]:
-        """Return the position (3,) and the quaternion (4,) of the body that carries an end."""
-        stands = tuple(array[0] for array in self.problem.poses(end.body, [at]))
-        if carrier is None:
-            return stands[0], stands[1]
-        root = self.problem.body(self.bodies[carrier]).poses([at])
-        inside = seen_from(root, (stands[0][None], stands[1][None]))
-        here = pose.positions[carrier][None], pose.quaternions[carrier][None]
-        position, quaternion = composed(here, inside)
-        return position[0], quaternion[0]
+    def _standing(self, at: float) -> tuple[Array, Array]:
+        """Return where the bodies of :class:`HeldEnds` stand, as what carries them sees it, (u, 3), (u, 4)."""
+        if self._stood is None or self._stood[0] != at:
+            poses = []
+            for name, carrier in zip(self._held.names, self._held.carriers, strict=True):
+                stands = self.problem.poses(name, [at])
+                if carrier is not None:
+                    stands = seen_from(self.problem.body(self.bodies[carrier]).poses([at]), stands)
+                poses.append(stands)
+            self._stood = at, np.concatenate([pose[0] for pose in poses]), np.concatenate([pose[1] for pose in poses])
+        return self._stood[1].copy(), self._stood[2].copy()
+
+    @functools.cached_property
+    def _held(self) -> HeldEnds:
+        names = list(dict.fromkeys(end.body for span in self.spans for end in self._both(span)))
+        roots = [self.problem.root(name) for name in names]
+        ends = [self._both(span) for span in self.spans]
+        none = np.full(4, np.nan)
+        return HeldEnds(
+            names,
+            [self.bodies.index(root) if root in self.bodies else None for root in roots],
+            np.array([[names.index(end.body) for end in both] for both in ends]),
+            np.array([[none[:3] if end.position is None else end.position for end in both] for both in ends]),
+            np.array([[none if end.frame is None else end.frame for end in both] for both in ends]),
+        )
+
+    def _both(self, span: str) -> tuple[End, End]:
+        run = self.problem.cables[span]
+        return run.start, run.end
 
     def moved(self, pose: Pose, step: Array, placed: PlacedEnds) -> Pose:
         """Return ``pose``, whose ends are ``placed``, after a ``step`` (n,) in all freedoms."""
-        positions, quaternions, frames = (array.copy() for array in (pose.positions, pose.quaternions, pose.frames))
+        positions, quaternions, frames, places = (array.copy() for array in vars(pose).values())
         for body in range(len(self.bodies)):
             own = step[self.of_body(body)]
             positions[body] += own[:3]
             turn = rotations.from_rotation_vector(own[3:])
             quaternions[body] = rotations.normalise(rotations.multiply(turn, quaternions[body]))
         for number, clip in enumerate(self.clips):
-            own = step[self.of_clip(number)]
+            own, slide = step[self.of_clip(number)], self.slide_of(number)
+            if slide is not None:
+                places[number] += step[slide]
+            if not len(own):
+                continue
             world = placed.clips[number]
             turn = own if clip.clip.freedoms > 1 else own[0] * rotations.tangent(world)
             carried = rotations.multiply(world, rotations.conjugate(pose.frames[number]))  # the body's own frame
             turned = rotations.multiply(rotations.from_rotation_vector(turn), world)
             frames[number] = rotations.normalise(rotations.multiply(rotations.conjugate(carried), turned))
-        return Pose(positions, quaternions, frames)
+        return Pose(positions, quaternions, frames, places)
 
     def found(self, motion: Array, poses: Sequence[Pose], jumps: Sequence[int] = ()) -> dict[str, FoundPoses]:
         """Return where everything was found over ``motion`` (P,), as :func:`~harness_opt.model.spans.in_spans` asks."""
@@ -198,21 +265,15 @@ class Freedoms:
         for number, clip in enumerate(self.clips):
             frames = np.array([pose.frames[number] for pose in poses])
             still = np.tile(np.asarray(clip.clip.position, dtype=float), (len(poses), 1))
-            found[clip.key] = FoundPoses(motion, still, frames, kept)
+            places = np.array([pose.places[number] for pose in poses]) if clip.clip.slides else None
+            found[clip.key] = FoundPoses(motion, still, frames, kept, places)
         return found
-
-
-def root_of(problem: Problem, body: str) -> str:
-    """Return the body that carries ``body`` at last: itself where none does."""
-    while body != WORLD and problem.bodies[body].parent != WORLD:
-        body = problem.bodies[body].parent
-    return body
 
 
 def _free_bodies(apart: Problem, span: str) -> list[str]:
     """Return the free bodies that carry the ends of a span."""
     run = apart.cables[span]
-    roots = [root_of(apart, end.body) for end in (run.start, run.end)]
+    roots = [apart.root(end.body) for end in (run.start, run.end)]
     return [root for root in roots if root != WORLD and apart.bodies[root].free]
 
 
@@ -246,7 +307,7 @@ def _joints(apart: Problem, whole: Problem, span: str) -> list[str]:
     known = spans_of(whole)[span]
     clamps = whole.cables[known.cable].clamps
     keys = [(clamps[name], clip_key(known.cable, name)) for name in known.clamps]
-    return [*_free_bodies(apart, span), *(key for clamp, key in keys if isinstance(clamp, Clip) and clamp.freedoms)]
+    return [*_free_bodies(apart, span), *(key for clamp, key in keys if isinstance(clamp, Clip) and clamp.is_free)]
 
 
 def drawn(freedoms: Freedoms) -> Pose:
@@ -257,6 +318,7 @@ def drawn(freedoms: Freedoms) -> Pose:
         np.array([body.position for body in bodies], dtype=float).reshape(-1, 3),
         np.array([body.quaternion for body in bodies], dtype=float).reshape(-1, 4),
         np.array(frames).reshape(-1, 4),
+        np.array([clip.clip.at for clip in freedoms.clips]),
     )
 
 
@@ -264,11 +326,6 @@ def with_found(freedoms: Freedoms, problem: Problem, found: Mapping[str, FoundPo
     """Return the problem in spans with everything where it was ``found``."""
     runs = dict(problem.cables)
     for span, ends in zip(freedoms.spans, freedoms.ends, strict=True):
-        held = {
-            side: dataclasses.replace(getattr(runs[span], side), found=found[freedoms.clips[end.clip].key])
-            for side, end in zip(("start", "end"), ends, strict=True)
-            if end.clip is not None
-        }
-        runs[span] = dataclasses.replace(runs[span], **held)
-    bodies = {name: dataclasses.replace(problem.bodies[name], found=found[name]) for name in freedoms.bodies}
-    return problem.changed(cables=runs, bodies={**problem.bodies, **bodies})
+        clips = (None if end.clip is None else found[freedoms.clips[end.clip].key] for end in ends)
+        runs[span] = runs[span].found_in(*clips)
+    return problem.changed(cables=runs, found={**problem.found, **found})

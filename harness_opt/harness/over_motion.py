@@ -15,7 +15,6 @@ from harness_opt.harness.following import Progress, follow_harness
 from harness_opt.harness.freedoms import Freedoms, with_found
 from harness_opt.harness.rest import at_rest, reheld
 from harness_opt.model.cable import ENDS
-from harness_opt.model.courses import FoundPoses
 from harness_opt.model.problem import Problem, held_as
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -31,14 +30,12 @@ class FoundHarness:
 
     Args:
         problem: in spans, everything free in it where it was found, as far as it was followed.
-        found: where that is, by name.
         solves: of the spans, by name, a solve a frame.
         snaps: (frame, motion) of each jump.
         status, message: why it ended early; OK and empty otherwise.
     """
 
     problem: Problem
-    found: Mapping[str, FoundPoses]
     solves: Mapping[str, Sequence[Solved]]
     snaps: tuple[tuple[int, float], ...]
     status: Status
@@ -58,14 +55,14 @@ def find(freedoms: Freedoms, motion: Array, solver: str, progress: Progress | No
     names = ", ".join(freedoms.spans)
     if first is None:
         words = "no pose was found in which it is in balance: its cables may be too short for what holds them"
-        return FoundHarness(problem, {}, {}, (), Status.NO_START, f"harness of {names}: {words}")
+        return FoundHarness(problem, {}, (), Status.NO_START, f"harness of {names}: {words}")
     followed = follow_harness(first, motion, progress)
     states = followed.states
     jumps = sorted({frame for frame, _ in followed.snaps if frame < len(states)})
     found = freedoms.found(motion[: len(states)], [state.pose for state in states], jumps)
     solves = {span: [state.spans[number].solved for state in states] for number, span in enumerate(freedoms.spans)}
     return FoundHarness(
-        with_found(freedoms, problem, found), found, solves, tuple(followed.snaps), followed.status, followed.message
+        with_found(freedoms, problem, found), solves, tuple(followed.snaps), followed.status, followed.message
     )
 
 
@@ -92,16 +89,16 @@ def _begun(freedoms: Freedoms, at: float, solver: str) -> tuple[Problem, State |
     steps = math.ceil(TURN_STEPS * max(abs(own_turns(end)) for end in ends))
     for step in range(steps + 1):
         share = step / max(steps, 1)
-        held = stood
+        runs = dict(to_fit.cables)
         for span in open_rolls:
             run = problem.cables[span]
             rolled = [
                 turned(frame, share * own_turns(end))
                 for frame, end in zip(frames[span], (run.start, run.end), strict=True)
             ]
-            described = held.changed(cables={**held.cables, span: run})
-            held = held_as(described, span, fitted_at, rolled)
-        harness = Harness(freedoms.of(held.changed(bodies=problem.bodies)), solver)
+            held = held_as(stood.changed(cables=problem.cables), span, fitted_at, rolled).cables[span]
+            runs[span] = held.to_fit
+        harness = Harness(freedoms.of(problem.changed(cables=runs)), solver)
         begun = None if state is None else reheld(harness, state)
         state = None if begun is None else at_rest(begun)
     problem = harness.freedoms.problem

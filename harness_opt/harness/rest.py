@@ -3,53 +3,75 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from harness_opt.harness.balance import Harness, State
+from harness_opt.harness.balance import NEUTRAL, Harness, State
 from harness_opt.harness.freedoms import Pose
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case
 from harness_opt.statics.continuation import follow, step
 from harness_opt.statics.mesh import refine
-from harness_opt.statics.release import is_stable, stabilised
+from harness_opt.statics.release import is_stable, release, stabilised
 from harness_opt.statics.solve import Solved, solve_on
 
-BALANCED = 1e-11  # of the loads, that may be left: some digits above what the spans are solved to
+BALANCED = 1e-11  # of the loads, that may be left of a pose at rest: what the spans are solved to
+FOLLOWED = 1e-9  # of the loads, that may be left on a path: less is lost in what the spans' own correctors leave
 ROUNDED = 1e-8  # of the loads, up to which what is left may be rounding: of stiff cables in light harnesses
 ACCURATE = 1e-9  # estimated error of the spans, in their lengths: what pulls at a joint is as right as its cable
 
 
-def moved(state: State, way: Array, at: float | None = None) -> State | None:
-    """Return ``state`` after a ``way`` (n,) in all freedoms, without dimensions; None where a span cannot follow."""
+def moved(state: State, way: Array, at: float | None = None, *, lets_go: bool = False) -> State | None:
+    """Return ``state`` after a ``way`` (n,) in all freedoms, without dimensions; None where a span cannot follow.
+
+    Args:
+        state, way: as above.
+        at: motion value; None stays at that of the state.
+        lets_go: whether a span that loses its shape on the way is released to another.
+    """
     pose = state.harness.freedoms.moved(state.pose, way * state.harness.scales, state.placed)
-    return posed(state.harness, pose, state.at if at is None else at, [span.solved for span in state.spans])
+    near = [span.solved for span in state.spans]
+    return posed(state.harness, pose, state.at if at is None else at, near, lets_go=lets_go)
 
 
-def posed(harness: Harness, pose: Pose, at: float, near: Sequence[Solved]) -> State | None:
-    """Return the state at ``pose`` and motion value ``at``, its spans continued from those ``near``; None in vain."""
+def posed(
+    harness: Harness,
+    pose: Pose,
+    at: float,
+    near: Sequence[Solved],
+    *,
+    guesses: Sequence[Array | None] | None = None,
+    lets_go: bool = False,
+) -> State | None:
+    """Return the state at ``pose`` and motion value ``at``, its spans continued from those ``near``; None in vain.
+
+    Args:
+        harness, pose, at, near: as above.
+        guesses: unknowns of the spans to begin with, on the meshes of those near; None takes theirs.
+        lets_go: as of :func:`moved`.
+    """
     placed = harness.freedoms.placed(pose, at)
     cases = harness.cases(placed, near)
     if cases is None:
         return None
     solves = []
-    for case, here in zip(cases, near, strict=True):
-        solved = _continued(case, here, harness.solver)
+    for case, here, guess in zip(cases, near, guesses or [None] * len(near), strict=True):
+        begin = here if guess is None else replace(here, solution=replace(here.solution, x=guess))
+        solved = step(case, begin, None, 0.0, harness.solver) or _continued(case, here, harness.solver, lets_go)
         if solved is None:
             return None
         solves.append(solved)
     return harness.state(at, pose, placed, solves)
 
 
-def _continued(case: Case, here: Solved, solver: str) -> Solved | None:
-    """Return the shape of ``case`` that ``here`` leads to; None where it is lost on the way."""
-    solved = step(case, here, None, 0.0, solver)
-    if solved is None:
-        begin = here.case
-        solved, reached = follow(lambda share: begin.blend(case, share), here, 0.0, 1.0, solver)
-        if reached != 1.0:
-            return None
-        solved = solve_on(case, solved.bound.mesh, solved.solution.x, solver, near=solved)
+def _continued(case: Case, here: Solved, solver: str, lets_go: bool) -> Solved | None:
+    """Return the shape of ``case`` that ``here`` leads to; None where it is lost on the way, and not let go."""
+    begin = here.case
+    solved, reached = follow(lambda share: begin.blend(case, share), here, 0.0, 1.0, solver)
+    if reached != 1.0:
+        return release(case, solved.rod, solver, short_steps=False) if lets_go else None
+    solved = solve_on(case, solved.bound.mesh, solved.solution.x, solver, near=solved)
     return solved if solved.ok else None
 
 
@@ -68,22 +90,31 @@ def reheld(harness: Harness, state: State) -> State | None:
     return harness.state(state.at, state.pose, placed, solves)
 
 
-def newton(state: State, most: int = 12) -> State | None:
-    """Return the balanced state next to ``state`` by Newton's method; None where it does not come to one."""
+def newton(state: State, most: int = 12, like: State | None = None, balanced: float = BALANCED) -> State | None:
+    """Return the balanced state next to ``state`` by Newton's method; None where it does not come to one.
+
+    Args:
+        state: where to begin.
+        most: corrections.
+        like: a state nearby, whose Hessian serves as long as it leads on well.
+        balanced: of the loads, that may be left.
+    """
+    far = 0.5  # rad, and lengths of a span: beyond any corrector
+    slow = 0.1  # of what was left, that a correction with another state's Hessian is to leave at most
+    matrix, own = (like or state).matrix, like is None
     for _ in range(most):
-        if state.miss <= BALANCED:
+        if state.miss <= balanced:
             return state
-        values, vectors = state.curvature
-        along = vectors.T @ state.slope
-        inverse = np.where(np.abs(values) > state.neutral, 1.0, 0.0) / np.where(values == 0.0, 1.0, values)
-        way = -vectors @ (inverse * along)
-        if not np.max(np.abs(way), initial=0.0) < 0.5:  # rad, and lengths of a span: far beyond a corrector
-            return None
-        following = moved(state, way)
+        way = np.asarray(np.linalg.lstsq(matrix, -state.slope, rcond=NEUTRAL)[0], dtype=float)
+        following = moved(state, way) if np.max(np.abs(way), initial=0.0) < far else None
         if following is None:
             return None
         if following.miss > 0.5 * state.miss and state.miss <= ROUNDED:
             return min(state, following, key=lambda one: one.miss)
+        if following.miss > slow * state.miss and not own:
+            matrix, own = following.matrix, True
+        else:  # what the step has shown of the Hessian: Broyden's update
+            matrix = matrix + np.outer(following.slope - state.slope - matrix @ way, way) / (way @ way)
         state = following
     return state if state.miss <= ROUNDED else None
 
@@ -95,6 +126,7 @@ def descend(state: State) -> State | None:
     7.3); next to the rest Newton's method ends it, where the energy's differences are rounding.
     """
     most_steps, smallest, largest = 200, 1e-9, 0.5  # rad, and lengths of a span
+    cornered = 0.03  # room in which a span that cannot follow has come to the end of its shapes
     near = 1e-6  # of the loads, from which Newton's method is tried
     room = 0.2
     for _ in range(most_steps):
@@ -103,10 +135,10 @@ def descend(state: State) -> State | None:
             if ended is not None and ended.index == 0:
                 return ended
         way, gain = _step(state, room)
-        following = moved(state, way) if gain > 0.0 else None
+        if gain <= 0.0 or room < smallest:
+            break
+        following = moved(state, way, lets_go=room < cornered)
         if following is None:
-            if gain <= 0.0 or room < smallest:
-                return None
             room *= 0.25
             continue
         lower = (state.energy - following.energy) / state.harness.stiff
@@ -118,8 +150,6 @@ def descend(state: State) -> State | None:
             state = following
         else:
             room *= 0.25
-            if room < smallest:
-                break
     return newton(state) if state.miss <= 1e-3 and state.index == 0 else None
 
 

@@ -51,7 +51,7 @@ class Shaped:
         units, rod = scale(self.cable)[1], self.solved.rod
         samples = rod.sample(s / units.length)
         ends = [(self.pose.start, self.pose.end)]
-        return samples.in_si(s, units, start_positions(ends, rod.r[None, -1], units)[0])
+        return samples.in_si(s, units, start_positions(ends, rod.r[None, -1], np.array([units.length]))[0])
 
 
 def _case(pose: Pose, cable: Cable, gravity: Array) -> Case:

@@ -167,11 +167,11 @@ def _held(path: KeyPath, clip: Tree) -> Iterator[Mistake]:
     if "position" not in clip:
         yield (*path, "position"), "found nothing, expected [x, y, z], three numbers: where the clip stands"
     kind = value(clip, "kind") or "fixed"
-    if kind != "pivot" and not any(given in clip for given in ORIENTATIONS):
+    if kind not in ("pivot", "ring") and not any(given in clip for given in ORIENTATIONS):
         yield (*path, "tangent"), "found nothing, expected [x, y, z], three numbers: the cable's direction there"
     if kind not in CLIP_KINDS:
         yield (*path, "kind"), f"found {shown(kind)}, expected {one_of(CLIP_KINDS, kind)}"
-    for key in ("roll", "roll_deg", "turns") if kind != "fixed" else ():
+    for key in ("roll", "turns", "roll_deg")[: {"fixed": 0, "sleeve": 2}.get(kind, 3)]:
         if key in clip:
             yield (*path, key), f"found it at a {kind}, expected none: how the cable turns in it is found"
     if kind != "fixed":

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.checks import Quaternion, Vector
-from harness_opt.model.courses import Course, FoundPoses, PoseSpline, ValueTable, increasing
+from harness_opt.model.courses import Course, PoseSpline, ValueTable, increasing
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -243,7 +243,6 @@ class Body:
             Of a free body a first guess, where they are given.
         free: whether it hangs on its cables, as a splice or a connector does, and stands where these balance.
         mass: of a free body, kg; its centre is the body's origin.
-        found: where a free body was found to stand in the world, over the motion; None before it is looked for.
 
     Raises:
         ProblemError: a free body with a motion or a parent; a mass below 0, or of a body that is not free.
@@ -255,7 +254,6 @@ class Body:
     quaternion: Quaternion = rotations.IDENTITY
     free: bool = False
     mass: float = 0.0
-    found: FoundPoses | None = None
 
     def __post_init__(self) -> None:
         found = checks.Gathered()
@@ -291,8 +289,6 @@ class Body:
 
     def poses(self, motion: ArrayLike) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) in its parent at ``motion`` (P,) from 0 to 1."""
-        if self.found is not None:
-            return self.found.poses(np.atleast_1d(np.asarray(motion, dtype=float)))
         count = len(np.atleast_1d(motion))
         placed = np.tile(self.position, (count, 1)).astype(float), np.tile(self.quaternion, (count, 1)).astype(float)
         if self.motion is None:

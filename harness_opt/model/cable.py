@@ -94,7 +94,7 @@ Roll = Literal["untwisted", "free"]
 ROLLS = get_args(Roll)
 Side = Literal["start", "end"]
 ENDS = ("start", "end")
-ClipKind = Literal["fixed", "swivel", "pivot"]
+ClipKind = Literal["fixed", "swivel", "pivot", "sleeve", "ring"]
 CLIP_KINDS: tuple[ClipKind, ...] = get_args(ClipKind)
 NO_CLIP = (*ENDS, "length")  # what no clip is called: their names stand beside these in design variables
 
@@ -264,7 +264,8 @@ class Clip(End):
         name: of the clip, none other of the cable's.
         at: arc length at which the cable is clipped, m.
         kind: "fixed" clamps it like an end; in a "swivel" it turns freely about its tangent; a "pivot" holds its
-            place alone.
+            place alone; it slides through a "sleeve", which holds its tangent, and through a "ring", which does not. A
+            sleeve that is given a quaternion or a roll guides a flat cable; in others it turns freely.
 
     Everything else is as of an :class:`End`. A fixed clip that leaves its roll open is fitted untwisted, outward from
     the start: the stretch that ends at it carries no twisting moment at ``fitted_at``. How the cable stands in a clip
@@ -298,11 +299,11 @@ class Clip(End):
             found.told.append("roll: found 'free' at a clip, expected 'untwisted', or a roll that is given")
         if self.position is None:
             found.told.append("position: found nothing, expected where the clip stands")
-        if self.kind != "pivot" and self.quaternion is None and self.tangent is None:
+        if self.kind not in ("pivot", "ring") and self.quaternion is None and self.tangent is None:
             found.told.append("tangent: found nothing, expected a tangent or a quaternion")
         if self.kind != "fixed":
             object.__setattr__(self, "roll", None)
-            for key in ("turns", "roll_deg"):
+            for key in ("turns", "roll_deg") if self.kind != "sleeve" else ("turns",):
                 if getattr(self, key):
                     found.told.append(f"{key}: found {getattr(self, key)!r} at a {self.kind}, in which the cable turns")
         found.raised()
@@ -310,7 +311,51 @@ class Clip(End):
     @property
     def freedoms(self) -> int:
         """How many rotations of the cable it leaves free: none, that about its tangent, or all three."""
-        return {"fixed": 0, "swivel": 1, "pivot": 3}[self.kind]
+        guides = self.quaternion is not None or self.roll_deg is not None
+        return {"fixed": 0, "swivel": 1, "pivot": 3, "sleeve": 0 if guides else 1, "ring": 3}[self.kind]
+
+    @property
+    def slides(self) -> bool:
+        """Whether the cable slides through it."""
+        return self.kind in ("sleeve", "ring")
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it lets the cable turn or slide."""
+        return self.kind != "fixed" and bool(self.freedoms or self.slides)
+
+
+@dataclass(frozen=True)
+class Slid:
+    """The length of a span between clips that its cable slides through.
+
+    Args:
+        drawn: as the clips are drawn, m.
+        first, last: of the clips at its start and end: how the cable was found to stand there; None where it is held.
+        places: arc lengths of both as drawn, m.
+    """
+
+    drawn: float
+    first: FoundPoses | None
+    last: FoundPoses | None
+    places: tuple[float, float]
+
+    def lengths(self, motion: Array) -> Array:
+        """Return the length (P,), m, at ``motion`` (P,)."""
+        found = np.full(len(motion), self.drawn)
+        for clip, place, sign in zip((self.first, self.last), self.places, (-1.0, 1.0), strict=True):
+            if clip is not None and clip.places is not None:
+                found += sign * (clip.arc_lengths(motion) - place)
+        return found
+
+    @property
+    def longest(self) -> float:
+        """A length, m, that it never exceeds: between where it was found, by no more than it changes from one to the
+        next.
+        """
+        at = np.unique(np.concatenate([clip.motion for clip in (self.first, self.last) if clip is not None]))
+        found = self.lengths(at)
+        return float(found.max() + np.max(np.abs(np.diff(found)), initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -325,6 +370,8 @@ class CableRun:
         fitted_at: motion value, 0 to 1, at which an untwisted end is clamped.
         clips: what holds the cable on its way, in the order of their arc lengths.
         bend_radius: the cable's own limit of the bend radius, m; None takes that of the problem.
+        slid: of a span between clips that the cable slides through, how long it is over the motion; the length of
+            ``cable`` is then one that it never exceeds.
 
     Raises:
         ProblemError: no position at either end; clips of one name, or whose arc lengths do not increase within the
@@ -338,6 +385,7 @@ class CableRun:
     fitted_at: float = 0.0
     clips: tuple[Clip, ...] = ()
     bend_radius: float | None = None
+    slid: Slid | None = None
 
     def __post_init__(self) -> None:
         at = self.fitted_at
@@ -356,6 +404,18 @@ class CableRun:
     def clamps(self) -> dict[str, End]:
         """What holds the cable, by name, along it: its start, the clips, its end."""
         return {"start": self.start, **{clip.name: clip for clip in self.clips}, "end": self.end}
+
+    def found_in(self, first: FoundPoses | None, last: FoundPoses | None) -> CableRun:
+        """Return this span with the cable as it was found in the clips at its start and end; None where it is held."""
+        clips = (self.start, first), (self.end, last)
+        start, end = (end if found is None else dataclasses.replace(end, found=found) for end, found in clips)
+        if not any(found is not None and found.places is not None for found in (first, last)):
+            return dataclasses.replace(self, start=start, end=end)
+        drawn = self.cable.length if self.slid is None else self.slid.drawn
+        places = [end.at if isinstance(end, Clip) else 0.0 for end in (start, end)]
+        slid = Slid(drawn, first, last, (places[0], places[1]))
+        cable = dataclasses.replace(self.cable, length=slid.longest)
+        return dataclasses.replace(self, cable=cable, start=start, end=end, slid=slid)
 
     def with_clamp(self, name: str, clamp: End) -> CableRun:
         """Return this run with ``clamp`` in the place of that called ``name``."""

@@ -270,12 +270,14 @@ class FoundPoses:
         motion: values (n,) at which it was found, increasing.
         positions, quaternions: (n, 3), m, and (n, 4).
         jumps: numbers (k,) of those places that it comes to by a jump, increasing.
+        places: arc lengths (n,), m, at which a cable stands in a clip that it slides through; None elsewhere.
     """
 
     motion: Array
     positions: Array
     quaternions: Array
     jumps: tuple[int, ...] = ()
+    places: Array | None = None
 
     def poses(self, at: Array) -> tuple[Array, Array]:
         """Return positions (P, 3) and quaternions (P, 4) at motion values ``at`` (P,); across a jump, straight on."""
@@ -291,18 +293,33 @@ class FoundPoses:
             found[:, which] = spline.rates(first[which], last[which])
         return found[0], found[1], found[2], found[3]
 
+    def arc_lengths(self, at: Array) -> Array:
+        """Return the arc lengths (P,), m, in a clip that the cable slides through at motion values ``at`` (P,)."""
+        from scipy.interpolate import CubicSpline
+
+        assert self.places is not None
+        found = np.empty(len(at))
+        for which, (first, last) in self._edges(at):
+            own = slice(first, last + 1)
+            still = last == first
+            found[which] = self.places[first] if still else CubicSpline(self.motion[own], self.places[own])(at[which])
+        return found
+
     def _over(self, at: Array) -> Iterator[tuple[NDArray[np.intp], PoseSpline]]:
         """Yield the smooth stretches that motion values ``at`` (P,) lie in, and which of these."""
+        for which, (first, last) in self._edges(at):
+            yield which, self._stretch(first, last)
+
+    def _edges(self, at: Array) -> Iterator[tuple[NDArray[np.intp], tuple[int, int]]]:
+        """Yield which of motion values ``at`` (P,) lie in one smooth stretch, and its first and last place."""
         if len(self.motion) == 1:
-            both = np.repeat([0], 2)
-            still = PoseSpline(np.array([0.0, 1.0]), self.positions[both], self.quaternions[both])
-            yield np.arange(len(at)), still
+            yield np.arange(len(at)), (0, 0)
             return
         inner = [edge for jump in self.jumps for edge in (jump - 1, jump)]
         edges = sorted({0, *inner, len(self.motion) - 1})
         stretch = np.clip(np.searchsorted(self.motion[edges], at, side="right") - 1, 0, len(edges) - 2)
         for k in np.unique(stretch).tolist():
-            yield np.flatnonzero(stretch == k), self._stretch(edges[k], edges[k + 1])
+            yield np.flatnonzero(stretch == k), (edges[k], edges[k + 1])
 
     @functools.cached_property
     def _stretches(self) -> dict[tuple[int, int], PoseSpline]:
@@ -313,6 +330,9 @@ class FoundPoses:
         if (first, last) not in self._stretches:
             own = slice(first, last + 1)
             spline = PoseSpline(self.motion[own], self.positions[own], self.quaternions[own])
+            if first == last:  # found at one moment alone
+                both = np.repeat([first], 2)
+                spline = PoseSpline(np.array([0.0, 1.0]), self.positions[both], self.quaternions[both])
             self._stretches[first, last] = spline
         return self._stretches[first, last]
 

@@ -24,7 +24,7 @@ from harness_opt.model.between import mistakes_of
 from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, chain, composed, seen_from
 from harness_opt.model.cable import CableRun, End
 from harness_opt.model.checks import Vector
-from harness_opt.model.courses import polyline
+from harness_opt.model.courses import FoundPoses, polyline
 from harness_opt.model.design import Design, Limits, Robust
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part, Robot
@@ -55,6 +55,8 @@ class Problem:
         sha256: of that file's bytes, or None.
         libraries: files that cables of it were taken from.
         robots: by name, where bodies and parts come from that stand among the others.
+        found: where free bodies stand over the motion, and how cables stand in clips that let them turn or slide, by
+            :func:`~harness_opt.model.spans.clip_key`: known of a problem that was simulated, empty before.
     """
 
     cables: Mapping[str, CableRun]
@@ -72,6 +74,7 @@ class Problem:
     sha256: str | None = None
     libraries: tuple[Path, ...] = ()
     robots: Mapping[str, Robot] = field(default_factory=dict)
+    found: Mapping[str, FoundPoses] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         mistakes = mistakes_of(self)
@@ -102,8 +105,17 @@ class Problem:
         if not carried:
             return Body().poses(motion)
         at = np.asarray(motion, dtype=float)
-        there = self._there(at)  # a free body need not come back as it went
-        return functools.reduce(composed, (one.poses(at if one.free else there) for one in carried))
+        there, found = self._there(at), self.found.get(self.root(body))
+        poses = [one.poses(there) for one in carried]
+        if found is not None:  # a free body need not come back as it went
+            poses[0] = found.poses(np.atleast_1d(at))
+        return functools.reduce(composed, poses)
+
+    def root(self, body: str) -> str:
+        """Return the body that carries ``body`` at last: itself where none does."""
+        while body != WORLD and self.bodies[body].parent != WORLD:
+            body = self.bodies[body].parent
+        return body
 
     def _there(self, motion: Array) -> Array:
         """Return how far the motion is on its way there, 0 to 1, at ``motion`` (...) there and back."""
@@ -124,12 +136,14 @@ class Problem:
         there and back turns round at 0.5; no stretch may hold that value within it.
         """
         there = np.sort(self._there(np.stack([first, last])), axis=0)
-        stretch = _Stretch(there[0], there[1], first, last, 2.0 if self.out_and_back else 1.0)
+        faster = 2.0 if self.out_and_back else 1.0
+        found = [self.found.get(self.root(name)) for name in (body, view)]
+        stretch, other_stretch = (_Stretch(there[0], there[1], first, last, faster, one) for one in found)
         own, other = chain(self.bodies, body), chain(self.bodies, view)
         both = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] is pair[1], zip(own, other, strict=False)))
         rates, pose = Rates.steady(np.zeros(3), len(first)), Body().poses(first)
         for one in other[both:]:
-            rates, pose = stretch.followed(one, rates, pose)
+            rates, pose = other_stretch.followed(one, rates, pose)
         if both < len(other):
             rates, pose = rates.inverse(pose, stretch.long), seen_from(pose, Body().poses(first))
         for one in own[both:]:
@@ -154,13 +168,19 @@ class Problem:
             placed.append([one.placed(*pose) for one, pose in zip(end.over(motion), poses, strict=True)])
         return list(zip(*placed, strict=True))
 
+    def lengths(self, cable: str, motion: ArrayLike) -> Array:
+        """Return how long ``cable`` is at ``motion`` (P,), m: a span between clips that it slides through changes."""
+        run, at = self.cables[cable], np.atleast_1d(np.asarray(motion, dtype=float))
+        return np.full(len(at), run.cable.length) if run.slid is None else run.slid.lengths(at)
+
     def is_moved(self, body: str) -> bool:
         """Return whether ``body`` moves, by itself or with one that carries it."""
         return any(one.moves for one in chain(self.bodies, body))
 
     def is_placed(self, body: str) -> bool:
         """Return whether it is known where ``body`` stands: it hangs on no free body that is still to be found."""
-        return not any(one.free and one.found is None for one in chain(self.bodies, body))
+        root = self.root(body)
+        return root == WORLD or not self.bodies[root].free or root in self.found
 
     @property
     def moments(self) -> Moments:
@@ -192,6 +212,7 @@ class _Stretch:
         first, last: on the way there.
         began, ended: of the motion itself, which goes there and back.
         faster: times that is as fast as the way there.
+        found: of the free body that carries what is followed; None where none does, or it is not found.
     """
 
     first: Array
@@ -199,6 +220,7 @@ class _Stretch:
     began: Array
     ended: Array
     faster: float
+    found: FoundPoses | None
 
     @property
     def long(self) -> Array:
@@ -207,9 +229,9 @@ class _Stretch:
 
     def followed(self, body: Body, rates: Rates, pose: tuple[Array, Array]) -> tuple[Rates, tuple[Array, Array]]:
         """Return rates and pose of ``body`` from those of its parent; what is fixed to that moves as it does."""
-        if body.found is not None:
-            speed, acceleration, turning, change = body.found.rates(self.began, self.ended)
-            middle = body.poses(0.5 * (self.began + self.ended))
+        if body.free and self.found is not None:
+            speed, acceleration, turning, change = self.found.rates(self.began, self.ended)
+            middle = self.found.poses(0.5 * (self.began + self.ended))
             fast = self.faster
             return Rates(middle[0], speed / fast, acceleration / fast**2, turning / fast, change / fast**2), middle
         if body.motion is not None:

@@ -15,10 +15,9 @@ from typing import Literal
 import numpy as np
 
 from harness_opt.errors import Status
-from harness_opt.model.courses import FoundPoses
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem, held_as, left_out
-from harness_opt.model.spans import Span, carried, has_clips, in_spans, spans_of, standing
+from harness_opt.model.spans import Span, carried, has_clips, in_spans, spans_of
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
@@ -220,7 +219,6 @@ class Motion:
             through themselves to have it.
         left_out: what the scene did not need.
         timing: seconds by phase.
-        found: where free bodies, and the cable in clips that let it turn, were found.
     """
 
     problem: Problem
@@ -232,7 +230,6 @@ class Motion:
     begun_through_themselves: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
-    found: Mapping[str, FoundPoses] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Return one line."""
@@ -281,10 +278,11 @@ def split(motion: Motion) -> Motion:
     """Return a motion of whole cables as that of their spans; itself where no cable has clips."""
     if not has_clips(motion.problem):
         return motion
-    spans, problem, cables = spans_of(motion.problem), in_spans(motion.problem, motion.found), {}
+    spans, problem, cables = spans_of(motion.problem), in_spans(motion.problem), {}
     for cable, shapes in motion.cables.items():
         own = [span for span in spans.values() if span.cable == cable]
-        for span, piece in zip(own, _pieces(shapes, own), strict=True):
+        lengths = [problem.cables[span.name].cable.length for span in own]
+        for span, piece in zip(own, _pieces(shapes, own, lengths), strict=True):
             cables[span.name] = piece
             if len(motion.motion):
                 problem = carried(problem, spans, span.name, float(motion.motion[0]), piece.quaternion[0, -1])
@@ -301,9 +299,9 @@ def joined(problem: Problem, motion: Motion) -> Motion:
     A cable of which a span was not solved at all is left out, as one that was not solved is; where none is left, no
     frame is.
     """
-    problem = standing(problem, motion.found)
     if not has_clips(problem):
-        return dataclasses.replace(motion, problem=problem) if motion.found else motion
+        return motion
+    problem = problem.changed(found=motion.problem.found)
     spans, cables = spans_of(problem), {}
     for cable in problem.cables:
         own = [span for span in spans.values() if span.cable == cable]
@@ -328,10 +326,12 @@ def _whole(pieces: Sequence[CableMotion], spans: Sequence[Span]) -> CableMotion:
         return pieces[0]
     length = spans[-1].last
     along = {name: np.concatenate([getattr(piece, name) for piece in pieces], axis=1) for name in ALONG}
-    places = [np.append(span.first + piece.s[:-1], span.last) for span, piece in zip(spans, pieces, strict=True)]
+    places = []  # a span that slides is counted along as it is drawn
+    for span, piece in zip(spans, pieces, strict=True):
+        counted = (span.last - span.first) / piece.s[-1]
+        places.append(np.append(span.first + counted * piece.s[:-1], span.last))
     meshes = [span.first + piece.mesh * (span.last - span.first) for span, piece in zip(spans, pieces, strict=True)]
-    # errors are in lengths of the span
-    errors = [p.estimated_error * (span.last - span.first) / length for span, p in zip(spans, pieces, strict=True)]
+    errors = [piece.estimated_error * piece.s[-1] / length for piece in pieces]  # theirs are in lengths of the span
     return CableMotion(
         s=np.concatenate(places),
         **along,
@@ -343,23 +343,23 @@ def _whole(pieces: Sequence[CableMotion], spans: Sequence[Span]) -> CableMotion:
     )
 
 
-def _pieces(shapes: CableMotion, spans: Sequence[Span]) -> list[CableMotion]:
-    """Return the shapes of the spans of a cable from those of the whole; what is known of all holds for each."""
+def _pieces(shapes: CableMotion, spans: Sequence[Span], lengths: Sequence[float]) -> list[CableMotion]:
+    """Return the shapes of the spans of a cable, ``lengths`` long, m, from the whole; what is known of all holds."""
     if len(spans) == 1:
         return [shapes]
     length, found = spans[-1].last, []
     stations, nodes = _cuts(shapes.s), _cuts(shapes.mesh)
-    for span, own, mesh in zip(spans, stations, nodes, strict=True):
+    for span, counted, own, mesh in zip(spans, lengths, stations, nodes, strict=True):
         long = span.last - span.first
         along = {name: getattr(shapes, name)[:, own] for name in ALONG}
-        s = np.concatenate([[0.0], shapes.s[own][1:-1] - span.first, [long]])
+        s = np.concatenate([[0.0], counted / long * (shapes.s[own][1:-1] - span.first), [counted]])
         inner = (shapes.mesh[mesh][1:-1] * length - span.first) / long
         found.append(
             dataclasses.replace(
                 shapes,
                 s=s,
                 **along,
-                estimated_error=shapes.estimated_error * length / long,
+                estimated_error=shapes.estimated_error * length / counted,
                 mesh=np.concatenate([[0.0], inner, [1.0]]),
             )
         )

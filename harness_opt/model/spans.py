@@ -10,19 +10,16 @@ import dataclasses
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.model.cable import REACH_TOLERANCE, CableRun, Clip
-from harness_opt.model.courses import FoundPoses
 from harness_opt.model.limits import LimitId, Obstacle, quoted
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
-NOTHING_FOUND: Mapping[str, FoundPoses] = MappingProxyType({})
 Problem = Any  # asks while it is made whether its cables reach
 SAMPLES = 201  # moments at which the distance of a cable's clamps is compared with its length
 
@@ -46,15 +43,24 @@ class Span:
 
 
 def spans_of(problem: Problem) -> dict[str, Span]:
-    """Return the spans of all cables, along each, by name; a cable without clips is one span, of its own name."""
+    """Return the spans of all cables, along each, by name; a cable without clips is one span, of its own name.
+
+    Where the cable slides through a clip, they are those of the first frame, once it is known.
+    """
     found = {}
     for cable, run in problem.cables.items():
         names = list(run.clamps)
-        places = [0.0, *(clip.at for clip in run.clips), run.cable.length]
+        places = [0.0, *(_place(problem, cable, clip) for clip in run.clips), run.cable.length]
         for k in range(len(names) - 1):
             name = f"{cable}, {names[k]} to {names[k + 1]}" if run.clips else cable
             found[name] = Span(name, cable, (names[k], names[k + 1]), places[k], places[k + 1])
     return found
+
+
+def _place(problem: Problem, cable: str, clip: Clip) -> float:
+    """Return the arc length at which ``cable`` stands in a clip, m: in the first frame, where it slides through it."""
+    found = problem.found.get(clip_key(cable, clip.name))
+    return clip.at if found is None or found.places is None else float(found.places[0])
 
 
 def has_clips(problem: Problem) -> bool:
@@ -62,23 +68,19 @@ def has_clips(problem: Problem) -> bool:
     return any(run.clips for run in problem.cables.values())
 
 
-def in_spans(problem: Problem, found: Mapping[str, FoundPoses] = NOTHING_FOUND) -> Problem:
+def in_spans(problem: Problem) -> Problem:
     """Return the problem whose cables are the spans of those of ``problem``; itself where no cable has clips.
 
     The roll of a clip that is fitted untwisted is found with the span before it: see :func:`carried`.
-
-    Args:
-        problem: of whole cables.
-        found: where free bodies stand, and how the cable turns in clips that let it, by :func:`clip_key`.
     """
-    if not has_clips(problem) and not found:
+    if not has_clips(problem):
         return problem
     runs = {}
     for span in spans_of(problem).values():
         run = problem.cables[span.cable]
         start, end = (
-            dataclasses.replace(clamp, found=found.get(clip_key(span.cable, name)))
-            for name, clamp in ((name, run.clamps[name]) for name in span.clamps)
+            dataclasses.replace(clamp, at=place) if isinstance(clamp, Clip) else clamp
+            for clamp, place in zip((run.clamps[name] for name in span.clamps), (span.first, span.last), strict=True)
         )
         cable = dataclasses.replace(run.cable, length=span.last - span.first)
         if isinstance(start, Clip):
@@ -89,20 +91,15 @@ def in_spans(problem: Problem, found: Mapping[str, FoundPoses] = NOTHING_FOUND) 
             clamp.held(rotations.IDENTITY) if isinstance(clamp, Clip) and clamp.frame is None else clamp
             for clamp in (start, end)
         )
-        runs[span.name] = CableRun(cable, start, end, run.bow, run.fitted_at, bend_radius=run.bend_radius)
-    return standing(problem.changed(cables=runs), found)
+        own = CableRun(cable, start, end, run.bow, run.fitted_at, bend_radius=run.bend_radius)
+        found = (problem.found.get(clip_key(span.cable, name)) for name in span.clamps)
+        runs[span.name] = own.found_in(*found)
+    return problem.changed(cables=runs)
 
 
 def clip_key(cable: str, clip: str) -> str:
     """Return what the frames of a clip that lets the cable turn are called: no body is, for the comma."""
     return f"{cable}, {clip}"
-
-
-def standing(problem: Problem, found: Mapping[str, FoundPoses]) -> Problem:
-    """Return ``problem`` with its free bodies where they were ``found``, by name."""
-    free = [name for name in found if name in problem.bodies]
-    stood = {name: dataclasses.replace(problem.bodies[name], found=found[name]) for name in free}
-    return problem.changed(bodies={**problem.bodies, **stood}) if stood else problem
 
 
 def own_ends(run: CableRun) -> list[int]:

@@ -18,17 +18,18 @@ from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Quantities
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import on_mesh
-from harness_opt.motion.frames import Frames, batch
+from harness_opt.motion.frames import Frames
 from harness_opt.motion.sweep import MOTION_TOLERANCE, accurate, start_positions
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.threads import one_thread
 from harness_opt.numerics.vectors import Indices
 from harness_opt.rod import equations as rod_module
-from harness_opt.rod.boundary import Kind, case
+from harness_opt.rod.boundary import Kind
+from harness_opt.rod.equations import Section
 from harness_opt.rod.stability import stability, surely_stable
 from harness_opt.rod.states import Rod
 from harness_opt.statics.continuation import MOST_TURNING, STEP_ITERATIONS, turning
-from harness_opt.statics.solve import Solved, resample, solve_on
+from harness_opt.statics.solve import Solved, batch, resample, solve_on
 
 SOLVER = "gauss-newton"
 # why a shape between two frames is none that can be used
@@ -78,8 +79,9 @@ class BetweenFrames:
             why[k] = "" if holds and error <= self._tolerance else INEXACT if holds else UNSTABLE
         units = rod_module.scale(problem.cables[cable].cable)[1]
         samples = rods.sample(shapes.s / units.length)
-        origins = start_positions([ends[k] for k in tried], samples.r[:, -1], units)
-        whole = samples.in_si(shapes.s, units, origins)
+        lengths = problem.lengths(cable, values[tried])
+        origins = start_positions([ends[k] for k in tried], samples.r[:, -1], lengths)
+        whole = samples.in_si(shapes.s, units.at(lengths), origins)
         return whole.at_frames(np.flatnonzero([not why[k] for k in tried])), tuple(why)
 
     def _solves(
@@ -88,13 +90,13 @@ class BetweenFrames:
         """Solve at the shares (k,) of the ways from frames (k,) to the next; None where that leads elsewhere."""
         problem, shapes, frames = self._motion.held(cable), self._motion.cables[cable], self._motion.motion
         cases = CableCases(problem, cable, SOLVER)
-        described, gravity = problem.cables[cable].cable, np.asarray(problem.gravity)
+        lengths = problem.lengths(cable, frames[before] + share * (frames[before + 1] - frames[before]))
         used = np.union1d(before, before + 1)
-        rods, mesh = _rods(problem, cable, shapes, used), self._meshes[cable]
+        rods, mesh = _rods(problem, cable, shapes, used, frames[used]), self._meshes[cable]
         unknowns = resample(rods, mesh)
         solves: list[Solved | None] = []
-        for pair, k, part in zip(ends, np.searchsorted(used, before), share, strict=True):
-            posed = case(described, *pair, gravity).signed_like(rods.q[k, 0], rods.q[k, -1])
+        for pair, length, k, part in zip(ends, lengths, np.searchsorted(used, before), share, strict=True):
+            posed = cases.posed(pair, None, float(length)).signed_like(rods.q[k, 0], rods.q[k, -1])
             guess = unknowns[k] + part * (unknowns[k + 1] - unknowns[k])
             solved = solve_on(posed, mesh, guess, SOLVER, STEP_ITERATIONS)
             near = solved.ok and not solved.turned
@@ -104,8 +106,7 @@ class BetweenFrames:
                 continue
             first, last = frames[used[k]], frames[used[k + 1]]
             begin, end = (
-                solve_on(cases.posed(cases.problem.ends(cable, [at])[0], posed), mesh, unknowns[i], SOLVER)
-                for at, i in ((first, k), (last, k + 1))
+                solve_on(cases.at(at, posed), mesh, unknowns[i], SOLVER) for at, i in ((first, k), (last, k + 1))
             )
             solves.append(_on_the_way(cases, (begin, first), (end, last), first + part * (last - first)))
         return solves
@@ -145,19 +146,24 @@ def _stable(rods: Rod, kind: Kind) -> NDArray[np.bool_]:
 def _rests(problem: Problem, cable: str) -> bool:
     """Whether neither end of ``cable`` moves."""
     run = problem.cables[cable]
-    return not any(problem.is_moved(end.body) for end in (run.start, run.end))
+    return not any(problem.is_moved(end.body) or end.found is not None for end in (run.start, run.end))
 
 
-def _rods(problem: Problem, cable: str, shapes: CableMotion, frames: Indices) -> Rod:
-    """Return ``frames`` (k,) as rods whose nodes are the stations."""
+def _rods(problem: Problem, cable: str, shapes: CableMotion, frames: Indices, at: Array) -> Rod:
+    """Return ``frames`` (k,), at motion values ``at`` (k,), as rods whose nodes are the stations."""
     described = problem.cables[cable].cable
     section, units = rod_module.scale(described)
+    load, lengths = rod_module.weight(described, np.asarray(problem.gravity)), problem.lengths(cable, at)
+    if np.any(lengths != units.length):
+        ratio = (lengths / units.length)[:, None, None]
+        section, load = Section(section.stiffness, ratio * section.rest_curvature), ratio**3 * load
+    by = units.at(lengths)
     return Rod(
         section,
-        rod_module.weight(described, np.asarray(problem.gravity)),
-        shapes.s / units.length,
+        load,
+        shapes.s / shapes.s[-1],
         shapes.quaternion[frames],
-        (shapes.position[frames] - shapes.position[frames, :1]) / units.length,
-        shapes.force[frames] / units.force,
-        shapes.moment[frames] / units.moment,
+        (shapes.position[frames] - shapes.position[frames, :1]) / by.length,
+        shapes.force[frames] / by.force,
+        shapes.moment[frames] / by.moment,
     )

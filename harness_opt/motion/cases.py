@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -53,26 +54,39 @@ class CableCases:
     def from_ends(self, at: float) -> Solved | None:
         """Return a shape at motion value ``at`` found from the ends alone; None where there is none."""
         bow = None if self.run.bow is None else np.asarray(self.run.bow)
-        posed = self.posed(self.problem.ends(self.name, [at])[0], None)
+        posed = self.at(at, None)
         return cold_start(posed, int(self.problem.cables[self.name].end.turns), bow, self.solver)
 
     def as_fitted(self) -> Solved | None:
         """Return the shape where the cable was fitted, its ends held; None where there is none, or nothing to fit."""
         if self.fitted is None:
             return None
-        posed = self.posed(self.problem.ends(self.name, [self.run.fitted_at])[0], None)
+        posed = self.at(self.run.fitted_at, None)
         return clamped(posed, self.fitted, self.solver)
 
-    def posed(self, ends: tuple[End, End], near: Case | None) -> Case:
-        """Return the case of ``ends``, its quaternions signed like those of ``near``."""
-        posed = case(self.run.cable, *ends, self._gravity)
+    def posed(self, ends: tuple[End, End], near: Case | None, length: float | None = None) -> Case:
+        """Return the case of ``ends``, its quaternions signed like those of ``near``.
+
+        Args:
+            ends: in world coordinates.
+            near: a case nearby; None leaves the signs as they are.
+            length: of the cable there, m; None takes its own.
+        """
+        cable = self.run.cable
+        if length is not None and length != cable.length:
+            cable = dataclasses.replace(cable, length=length)
+        posed = case(cable, *ends, self._gravity)
         if near is None:
             return posed
         return posed.signed_like(near.boundary.start_quaternion, near.boundary.end_quaternion)
 
     def path(self, near: Case) -> Callable[[float], Case]:
         """Return the cases by motion value (0 to 1), signed like ``near``."""
-        return lambda at: self.posed(self.problem.ends(self.name, [at])[0], near)
+        return lambda at: self.at(at, near)
+
+    def at(self, at: float, near: Case | None) -> Case:
+        """Return the case at motion value ``at``, signed like ``near``."""
+        return self.posed(self.problem.ends(self.name, [at])[0], near, float(self.problem.lengths(self.name, [at])[0]))
 
     def follow(self, start: Solved, first: float, last: float, smallest: float | None = None) -> tuple[Solved, float]:
         """Continue ``start`` from motion value ``first`` towards ``last``, as far as it goes.

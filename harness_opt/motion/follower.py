@@ -15,16 +15,17 @@ from harness_opt.model.cable import REACH_TOLERANCE
 from harness_opt.model.spans import clamp_way
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import coarsened, on_mesh
-from harness_opt.motion.frames import MOST_HELD, Stretches, batch, by_mesh, estimates
+from harness_opt.motion.frames import MOST_HELD, Stretches, by_mesh
 from harness_opt.motion.snaps import first_shape, recover
 from harness_opt.numerics.rotations import Array
+from harness_opt.rod.boundary import Case
 from harness_opt.rod.neutral_family import angle_between, line_of, turned
 from harness_opt.rod.stability import doubt, doubtful, stability, surely_stable
 from harness_opt.rod.states import Rod
 from harness_opt.statics.continuation import step
 from harness_opt.statics.mesh import ELEMENTS, RESOLVED, elements_for, finer_mesh, refine, refined_mesh
 from harness_opt.statics.release import is_stable
-from harness_opt.statics.solve import Solved, error_estimate, resample, solve_on
+from harness_opt.statics.solve import Solved, batch, error_estimate, estimates, resample, solve_on
 
 BATCH = 16  # frames whose stability is checked together; a lost one sends the sweep back to it
 TAUT = "it is just as long as its two ends are apart, and its weight or its clamps bend it"
@@ -51,6 +52,7 @@ class CableFollower:
         self.solver, self.elements, self.progress = cases.solver, elements, progress
         self.cases = cases
         self.ends = cases.problem.ends(cases.name, motion)
+        self.lengths = cases.problem.lengths(cases.name, motion)
         self.frames = self._no_frames()
         self.snaps: list[tuple[int, float, bool]] = []
         self.begins_through_itself = False
@@ -108,16 +110,20 @@ class CableFollower:
 
     def _start(self, first: Rod | None, guess: Solved | None) -> Solved | None:
         """Solve the first frame."""
-        posed = self.cases.posed(self.ends[0], None)
+        posed = self._posed(0, None)
         if first is not None:
             posed = posed.signed_like(first.q[0], first.q[-1])
             return solve_on(posed, first.mesh, resample(first, first.mesh), self.solver)
         if guess is not None:
-            posed = self.cases.posed(self.ends[0], guess.case)
+            posed = self._posed(0, guess.case)
             warm = step(posed, dataclasses.replace(guess, case=posed), None, 0.0, self.solver)
             if warm is not None:
                 return dataclasses.replace(warm, passed=True) if guess.passed else warm
         return first_shape(self.cases, float(self.motion[0]))
+
+    def _posed(self, frame: int, near: Case | None) -> Case:
+        """Return the case of a frame, signed like ``near``."""
+        return self.cases.posed(self.ends[frame], near, float(self.lengths[frame]))
 
     def _begin(self, first: Rod | None, guess: Solved | None) -> tuple[Status, str] | None:
         """Solve the first frame; return why there is none, where that is so."""
@@ -158,7 +164,7 @@ class CableFollower:
     def _advance(self, guess: Solved | None) -> Solved | None:
         """Solve the next frame from the last ones, or from ``guess``; None where the shape is lost."""
         k, here = len(self.frames), self.frames[-1]
-        target = self.cases.posed(self.ends[k], here.case)
+        target = self._posed(k, here.case)
         if guess is not None and np.array_equal(guess.bound.mesh, here.bound.mesh):
             warm = step(target, guess, None, 0.0, self.solver)
             if warm is not None:

@@ -19,7 +19,7 @@ from harness_opt.motion.rows_on_disk import RowsOnDisk
 from harness_opt.numerics.linear import Factor
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.states import Rod
-from harness_opt.statics.solve import Solved
+from harness_opt.statics.solve import Solved, batch, estimates
 
 MOST_HELD = 200_000_000  # bytes of frames that stay in memory, of all cables of a problem together
 NODES_AT_A_TIME = 4096  # of which something is asked: each takes some 10 kB meanwhile
@@ -226,25 +226,7 @@ def blocks(frames: Sequence[Solved]) -> Iterator[Rod]:
         yield batch(frames[first : first + count])
 
 
-def estimates(frames: Sequence[Solved]) -> list[tuple[float, Array]]:
-    """Return the :attr:`Solved.estimate` of ``frames``, which share cable and mesh: those not known yet together."""
-    unknown = [frame for frame in frames if not frame.is_estimated]
-    if unknown:
-        with np.errstate(over="ignore", invalid="ignore"):
-            defects = batch(unknown).defects()
-        for k, frame in enumerate(unknown):
-            frame.estimate_from(defects.of(k))
-    return [frame.estimate for frame in frames]
-
-
 def _bytes_of(factor: Factor) -> int:
     """Return about what a factorised Jacobian takes: 12 bytes for each of its own entries, and 9 for SuperLU's."""
     size: int = 12 * factor.jacobian.nnz + (0 if factor.lu is None else 9 * factor.lu.nnz)
     return size
-
-
-def batch(frames: Sequence[Solved]) -> Rod:
-    """Return the shapes of ``frames``, which share cable and mesh, as one Rod with a leading axis."""
-    rods = [frame.rod for frame in frames]
-    stacked = {name: np.stack([getattr(r, name) for r in rods]) for name in ("q", "r", "force", "moment")}
-    return Rod(rods[0].section, rods[0].load, rods[0].mesh, **stacked)

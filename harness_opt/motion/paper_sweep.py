@@ -73,9 +73,10 @@ def sweep_by_quadrature(
         status, message = Status.INTERRUPTED, f"cable {name}: {Status.INTERRUPTED.value}"
     if not frames:
         return Followed(None, (), status, message)
-    origins = start_positions(ends, np.array([frame.rod.r[-1] for frame in frames]), units)
+    lengths = np.full(len(frames), units.length)
+    origins = start_positions(ends, np.array([frame.rod.r[-1] for frame in frames]), lengths)
     shapes = CableMotion(
-        **vars(sampled([frame.rod for frame in frames], origins, units, np.linspace(0.0, 1.0, STATIONS))),
+        **vars(sampled([frame.rod for frame in frames], origins, units, np.linspace(0.0, 1.0, STATIONS), lengths)),
         stable=np.array([bool(one.stable) for one in judged]),
         stability_margin=np.array([float(one.margin) for one in judged]),
         residual=np.array([frame.residual for frame in frames]),

@@ -130,7 +130,7 @@ def _by_quadrature(
             break
         if found.shapes is not None:
             apart = carried(apart, spans, name, float(motion[0]), found.shapes.quaternion[0, -1])
-    return SweptSpans(apart, {}, cables)
+    return SweptSpans(problem, apart, {}, cables)
 
 
 def collect(swept: SweptSpans, motion: Array, seconds: float) -> Motion:
@@ -156,5 +156,4 @@ def collect(swept: SweptSpans, motion: Array, seconds: float) -> Motion:
         tuple(name for name, found in cables.items() if found.begins_through_itself),
         left_out(problem),
         {"solve": seconds},
-        swept.found,
     )

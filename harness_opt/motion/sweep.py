@@ -6,7 +6,7 @@ Each shape starts from the last ones; a cable that loses its shape is released t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -15,14 +15,13 @@ from harness_opt.errors import Status
 from harness_opt.harness.freedoms import harnesses
 from harness_opt.harness.over_motion import FoundHarness, find
 from harness_opt.model.cable import End
-from harness_opt.model.courses import FoundPoses
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities, cubic_errors
-from harness_opt.model.spans import NOTHING_FOUND, carried, in_spans, spans_of
+from harness_opt.model.spans import carried, in_spans, spans_of
 from harness_opt.motion.cases import CableCases
 from harness_opt.motion.common_mesh import on_one_mesh
 from harness_opt.motion.follower import CableFollower, Progress
-from harness_opt.motion.frames import Frames, batch, blocks, stretches
+from harness_opt.motion.frames import Frames, blocks, stretches
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod_module
 from harness_opt.rod.equations import Units
@@ -30,7 +29,7 @@ from harness_opt.rod.stability import Stability, stability
 from harness_opt.rod.states import Rod
 from harness_opt.statics.fitting import Fitted
 from harness_opt.statics.mesh import finer_mesh
-from harness_opt.statics.solve import Solved, resample, solve_along_near_null, solve_on
+from harness_opt.statics.solve import Solved, batch, resample, solve_along_near_null, solve_on
 
 Rigour = Literal["full", "stable", "quick look"]
 
@@ -45,6 +44,7 @@ class Sweep:
         frames: a solve each, all on one mesh; fewer than asked where ``status`` says so.
         origins: world position of the cable's start, (P, 3), m.
         units, diameter: of the cable, m.
+        lengths: of the cable in the frames, (P,), m: of a span between clips that it slides through they differ.
         stability: of the frames, batched.
         errors: estimated, (P,), in lengths of the cable.
         snaps: (frame, motion, whether the cable goes through itself) of each jump.
@@ -57,6 +57,7 @@ class Sweep:
     origins: Array
     units: Units
     diameter: float
+    lengths: Array
     stability: Stability
     errors: Array
     snaps: tuple[tuple[int, float, bool], ...]
@@ -71,18 +72,18 @@ class Sweep:
         return batch(self.frames)
 
 
-def start_positions(ends: Sequence[tuple[End, End]], last: Array, units: Units) -> Array:
+def start_positions(ends: Sequence[tuple[End, End]], last: Array, lengths: Array) -> Array:
     """Return the world positions (P, 3) of a cable's start, m: given, or the end's less where the shape leads.
 
     Args:
         ends: in world coordinates, of P frames or more.
         last: the shapes' own end, relative to their start, (P, 3), in lengths of the cable.
-        units: of the cable.
+        lengths: of the cable, (P,), m.
     """
     return np.array(
         [
-            start.position if start.position is not None else np.asarray(end.position) - units.length * r
-            for (start, end), r in zip(ends, last, strict=False)
+            start.position if start.position is not None else np.asarray(end.position) - length * r
+            for (start, end), length, r in zip(ends, lengths, last, strict=False)
         ]
     )
 
@@ -160,9 +161,10 @@ def sweep(  # noqa: PLR0913
         snaps += tuple((frame, at, False) for frame, at in harness.snaps)
         if status.ok:
             status, message = harness.status, harness.message
-    origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), units)
+    lengths = follower.lengths[: len(frames)]
+    origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), lengths)
     return Sweep(
-        frames, origins, units, cable.diameter, answer, errors, snaps, status, message, cases.fitted,
+        frames, origins, units, cable.diameter, lengths, answer, errors, snaps, status, message, cases.fitted,
         follower.begins_through_itself,
     )  # fmt: skip
 
@@ -170,9 +172,9 @@ def sweep(  # noqa: PLR0913
 def _none(problem: Problem, name: str, status: Status, message: str) -> Sweep:
     """Return the sweep of a cable of which no frame was solved."""
     cable = problem.cables[name].cable
-    empty = Stability(np.zeros(0), np.zeros(0, dtype=int))
+    nothing, stability = np.zeros(0), Stability(np.zeros(0), np.zeros(0, dtype=int))
     units = rod_module.scale(cable)[1]
-    return Sweep(Frames(), np.zeros((0, 3)), units, cable.diameter, empty, np.zeros(0), (), status, message)
+    return Sweep(Frames(), np.zeros((0, 3)), units, cable.diameter, nothing, stability, nothing, (), status, message)
 
 
 @dataclass(frozen=True)
@@ -180,23 +182,21 @@ class SweptSpans:
     """The spans of all cables over the frames.
 
     Args:
-        problem: of spans, with the rolls that clips were fitted in, and all that is free where it was found.
+        whole: the problem of whole cables, with everything free where it was found.
+        problem: of spans, with the rolls that clips were fitted in, and everything free where it was found.
         sweeps: by span, with the solver's own objects.
         followed: the plain results, by span.
-        found: where everything free is, by name, as of :func:`~harness_opt.model.spans.in_spans`.
     """
 
+    whole: Problem
     problem: Problem
     sweeps: Mapping[str, Sweep]
     followed: Mapping[str, Followed]
-    found: Mapping[str, FoundPoses] = field(default_factory=dict)
 
 
-def swept_spans(
-    problem: Problem, sweeps: Mapping[str, Sweep], found: Mapping[str, FoundPoses] = NOTHING_FOUND
-) -> SweptSpans:
-    """Return the spans of ``problem`` with the plain results of their ``sweeps``."""
-    return SweptSpans(problem, sweeps, {name: followed(one) for name, one in sweeps.items()}, found)
+def swept_spans(whole: Problem, problem: Problem, sweeps: Mapping[str, Sweep]) -> SweptSpans:
+    """Return the spans of ``whole`` cables, in ``problem``, with the plain results of their ``sweeps``."""
+    return SweptSpans(whole, problem, sweeps, {name: followed(one) for name, one in sweeps.items()})
 
 
 def in_turn(
@@ -217,20 +217,21 @@ def in_turn(
         solver: name of the one that harnesses are found by.
         progress: as of :func:`sweep`.
     """
+    problem = problem.changed(found={})
     spans, apart = spans_of(problem), in_spans(problem)
-    swept, found, coupled = dict[str, Sweep](), dict[str, FoundPoses](), dict[str, FoundHarness]()
+    swept, coupled = dict[str, Sweep](), dict[str, FoundHarness]()
     groups = {span: freedoms for freedoms in harnesses(apart, problem) for span in freedoms.spans}
     for name in spans:
         if name in groups and name not in coupled:
             harness = find(groups[name].of(apart), motion, solver, progress)
             coupled |= dict.fromkeys(groups[name].spans, harness)
-            apart, found = harness.problem, {**found, **harness.found}
+            apart = harness.problem
         swept[name] = follow(apart, name, coupled.get(name))
         if swept[name].status is Status.INTERRUPTED:
             break
         if len(swept[name].frames):
             apart = carried(apart, spans, name, float(motion[0]), swept[name].frames[0].rod.q[-1])
-    return swept_spans(apart, swept, found)
+    return swept_spans(problem.changed(found=apart.found), apart, swept)
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:
@@ -273,7 +274,7 @@ def accurate(frames: Frames, tolerance: float, solver: str) -> tuple[Frames, Arr
         frames = again
 
 
-def sampled(rods: Iterable[Rod], origins: Array, units: Units, shares: Array) -> Quantities:
+def sampled(rods: Iterable[Rod], origins: Array, units: Units, shares: Array, lengths: Array) -> Quantities:
     """Return the quantities at stations, with a leading axis of P frames.
 
     Args:
@@ -281,13 +282,14 @@ def sampled(rods: Iterable[Rod], origins: Array, units: Units, shares: Array) ->
         origins: world positions of the cable's start, (P, 3), m.
         units: of the cable.
         shares: of the length at which the stations stand, (N,).
+        lengths: of the cable in the frames, (P,), m.
     """
     shape = (len(origins), len(shares))
     vectors = {name: np.empty((*shape, 3)) for name in ("position", "curvature", "force", "moment")}
     whole, first = Quantities(s=shares * units.length, quaternion=np.empty((*shape, 4)), **vectors), 0
     for rod in rods:  # into their places block by block: all frames are not there twice
         some = slice(first, first + (len(rod.q) if rod.q.ndim == 3 else 1))
-        block = rod.sample(shares).in_si(whole.s, units, origins[some])
+        block = rod.sample(shares).in_si(whole.s, units.at(lengths[some]), origins[some])
         for name in (*vectors, "quaternion"):
             getattr(whole, name)[some] = getattr(block, name)
         first = some.stop
@@ -330,7 +332,7 @@ def cable_motion(swept: Sweep, shares: Array | None = None) -> CableMotion:
     """
 
     def sample(shares: Array) -> Quantities:
-        return sampled(blocks(swept.frames), swept.origins, swept.units, shares)
+        return sampled(blocks(swept.frames), swept.origins, swept.units, shares, swept.lengths)
 
     return CableMotion(
         **vars(well_sampled(sample, swept.diameter) if shares is None else sample(shares)),

@@ -15,6 +15,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -38,6 +39,19 @@ class Units:
     length: float
     force: float
     moment: float
+
+    def at(self, lengths: Array) -> Factors:
+        """Return the units of many shapes of the same cable, of ``lengths`` (P,), m."""
+        ratio = (self.length / lengths)[:, None, None]
+        return Factors(self.length / ratio, self.force * ratio**2, self.moment * ratio)
+
+
+class Factors(NamedTuple):
+    """Units of many shapes, each (P, 1, 1)."""
+
+    length: Array
+    force: Array
+    moment: Array
 
 
 @dataclass(frozen=True)
@@ -166,13 +180,13 @@ def series(q: Array, r: Array, force: Array, moment: Array, section: Section, lo
     Args:
         q, r, force, moment: states in the world frame, (..., 4) and (..., 3), dimensionless.
         section: of the cable.
-        load: f in the world frame, (3,).
+        load: f in the world frame, (3,), or of many shapes (P, 1, 3).
         order: K, highest power.
     """
     left, right, weights, loaded = _quadratic()
     if np.any(load):
-        weights = weights.copy()
-        weights[:, 7:10] += loaded @ load
+        weights = np.tile(weights, (*load.shape[:-2], 1, 1))
+        weights[..., 7:10] += np.einsum("tij,...j->...ti", loaded, load.reshape(*load.shape[:-2], 3))
     q = np.asarray(q, dtype=float)
     inverse, lead = rotations.conjugate(q), q.shape[:-1]
     state, position = np.empty((order + 1, *lead, _STATE)), np.empty((order + 1, *lead, 3))

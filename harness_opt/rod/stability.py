@@ -99,8 +99,7 @@ def _parts(rod: Rod, mesh: Array) -> Iterator[Rod]:
         yield rod
         return
     for first in range(0, len(rod.q), few):
-        some = (getattr(rod, name)[first : first + few] for name in ("q", "r", "force", "moment"))
-        yield Rod(rod.section, rod.load, rod.mesh, *some)
+        yield rod.some(slice(first, first + few))
 
 
 def _scale(rod: Rod) -> Array:

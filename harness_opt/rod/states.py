@@ -19,7 +19,7 @@ from harness_opt.numerics import rotations
 from harness_opt.numerics.quadrature import gauss
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod import equations as rod
-from harness_opt.rod.equations import Section, Units
+from harness_opt.rod.equations import Factors, Section, Units
 from harness_opt.rod.long_elements import TERMS, LongElements, derivatives
 
 SERIES_ORDER = 12  # the truncation at half an element is then far below the collocation's own error
@@ -41,7 +41,7 @@ class Samples:
     moment: Array
     omega: Array
 
-    def in_si(self, s: Array, units: Units, origin: Array) -> Quantities:
+    def in_si(self, s: Array, units: Units | Factors, origin: Array) -> Quantities:
         """Return the same at arc lengths ``s`` (N,), m, of a cable whose start stands at ``origin`` (..., 3), m."""
         return Quantities(
             s=s,
@@ -79,7 +79,8 @@ class Rod:
     """One or many solved shapes of one cable on one mesh, dimensionless; leading axes (...) count the shapes.
 
     Args:
-        section, load: of the cable; load f (3,), world.
+        section, load: of the cable; load f (3,), world. Of many shapes of a span that changes its length, rest
+            curvature and load are (P, 1, 3).
         mesh: nodes from 0 to 1, (n + 1,).
         q, r, force, moment: states at the nodes, (..., n + 1, 4) and (..., n + 1, 3), world, start at the origin.
     """
@@ -220,5 +221,13 @@ class Rod:
         samples = self.sample(s)
         strain = samples.omega - self.section.rest_curvature
         elastic = 0.5 * np.sum(strain**2 * self.section.stiffness, axis=-1)
-        energies: Array = (elastic - samples.r @ self.load) @ weights
+        energies: Array = (elastic - np.sum(samples.r * self.load, axis=-1)) @ weights
         return energies
+
+    def some(self, which: slice) -> Rod:
+        """Return some of many shapes along one axis."""
+        section, load = self.section, self.load
+        if load.ndim > 1:
+            section, load = Section(section.stiffness, section.rest_curvature[which]), load[which]
+        states = (getattr(self, name)[which] for name in ("q", "r", "force", "moment"))
+        return Rod(section, load, self.mesh, *states)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from harness_opt.numerics.linear import CONDITION_LIMIT, Factor, factorise
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import CLAMPED, HELD, Case, relative_matrix
 from harness_opt.rod.collocation import BoundCollocation, collocation, pack, stations
+from harness_opt.rod.equations import Section
 from harness_opt.rod.states import Defects, Rod
 
 SOLVER_OF: dict[str, Solver] = {  # by name, one for each of rod.methods.SOLVERS
@@ -275,3 +277,31 @@ def _corrected(bound: BoundCollocation, best: Solution, factor: Factor) -> Solut
             break
         best = dataclasses.replace(best, x=x, residual=left)
     return best
+
+
+def batch(frames: Sequence[Solved]) -> Rod:
+    """Return the shapes of ``frames``, which share cable and mesh, as one Rod with a leading axis.
+
+    Of a span that changes its length, what is without dimensions does too: rest curvature and load have the axis then.
+    """
+    rods = [frame.rod for frame in frames]
+    stacked = {name: np.stack([getattr(r, name) for r in rods]) for name in ("q", "r", "force", "moment")}
+    section, load = rods[0].section, rods[0].load
+    rest = [rod.section.rest_curvature for rod in rods]
+    if any(not np.array_equal(load, rod.load) for rod in rods) or any(not np.array_equal(rest[0], one) for one in rest):
+        section, load = (
+            Section(section.stiffness, np.stack(rest)[:, None]),
+            np.stack([rod.load for rod in rods])[:, None],
+        )
+    return Rod(section, load, rods[0].mesh, **stacked)
+
+
+def estimates(frames: Sequence[Solved]) -> list[tuple[float, Array]]:
+    """Return the :attr:`Solved.estimate` of ``frames``, which share cable and mesh: those not known yet together."""
+    unknown = [frame for frame in frames if not frame.is_estimated]
+    if unknown:
+        with np.errstate(over="ignore", invalid="ignore"):
+            defects = batch(unknown).defects()
+        for k, frame in enumerate(unknown):
+            frame.estimate_from(defects.of(k))
+    return [frame.estimate for frame in frames]

@@ -89,7 +89,7 @@ def rows_at(values: np.ndarray, near: dict | None, rated: bool):
         for name in changed.cables
     }
     assert all(swept.status.ok and not swept.snaps and len(swept.rod.mesh) == ELEMENTS + 1 for swept in sweeps.values())
-    motion = collect(swept_spans(changed, sweeps), FRAMES, 0.0)
+    motion = collect(swept_spans(changed, changed, sweeps), FRAMES, 0.0)
     clearances = measure(changed, load_scene(changed), FRAMES, motion.cables)
     rates = {}
     if rated:
@@ -156,7 +156,7 @@ def test_the_edges_of_what_counts_are_met():
     # where a clamp's own body is near, the nearest point that counts does not move along the cable with its length
     rows = rows_at(START, None, False)[1]
     changed = design_variables.apply(problem(), START)
-    motion = collect(swept_spans(changed, rows), FRAMES, 0.0)
+    motion = collect(swept_spans(changed, changed, rows), FRAMES, 0.0)
     clearances = measure(changed, load_scene(changed), FRAMES, motion.cables)
     pairs = {(pair.cable, pair.obstacle.key): pair for pair in clearances.pairs}
     clamp, itself = pairs["lead", "clamp"], pairs["loom", "cable:loom"]
