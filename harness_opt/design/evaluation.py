@@ -200,7 +200,7 @@ class Evaluator:
 
         try:
             changed = design_variables.apply(self.problem, values)
-            swept = in_turn(changed, motion_values, follow, self.solver, self.progress)
+            swept = in_turn(changed, motion_values, follow, self.solver, self.progress, between=False)
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
         changed, apart, sweeps = swept.whole, swept.problem, swept.sweeps

@@ -177,6 +177,12 @@ def _walk(trail: list[State], target: float, *, careful: bool) -> bool:
     return trail[-1].at == target
 
 
+def walked(here: State, at: float) -> State | None:
+    """Return the stable state at motion value ``at`` that ``here`` leads to; None where it does not come there."""
+    trail = [here]
+    return trail[-1] if _walk(trail, at, careful=True) else None
+
+
 def _step(trail: Sequence[State], at: float) -> State | None:
     """Go from the last state of ``trail`` to motion value ``at`` in one step; None where it is too long to be trusted.
 

@@ -255,18 +255,20 @@ class Freedoms:
             frames[number] = rotations.normalise(rotations.multiply(rotations.conjugate(carried), turned))
         return Pose(positions, quaternions, frames, places)
 
-    def found(self, motion: Array, poses: Sequence[Pose], jumps: Sequence[int] = ()) -> dict[str, FoundPoses]:
-        """Return where everything was found over ``motion`` (P,), as :func:`~harness_opt.model.spans.in_spans` asks."""
-        kept, found = tuple(jumps), dict[str, FoundPoses]()
+    def found(
+        self, motion: Array, poses: Sequence[Pose], jumps: tuple[int, ...] = (), kinks: tuple[int, ...] = ()
+    ) -> dict[str, FoundPoses]:
+        """Return where everything was found over ``motion`` (P,), by name; arguments as of :class:`FoundPoses`."""
+        found = dict[str, FoundPoses]()
         for number, name in enumerate(self.bodies):
             positions = np.array([pose.positions[number] for pose in poses])
             quaternions = np.array([pose.quaternions[number] for pose in poses])
-            found[name] = FoundPoses(motion, positions, quaternions, kept)
+            found[name] = FoundPoses(motion, positions, quaternions, jumps, kinks)
         for number, clip in enumerate(self.clips):
             frames = np.array([pose.frames[number] for pose in poses])
             still = np.tile(np.asarray(clip.clip.position, dtype=float), (len(poses), 1))
             places = np.array([pose.places[number] for pose in poses]) if clip.clip.slides else None
-            found[clip.key] = FoundPoses(motion, still, frames, kept, places)
+            found[clip.key] = FoundPoses(motion, still, frames, jumps, kinks, places)
         return found
 
 

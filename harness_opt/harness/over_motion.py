@@ -10,6 +10,7 @@ import numpy as np
 
 from harness_opt.errors import Status
 from harness_opt.harness.balance import Harness, State
+from harness_opt.harness.between import Filled, filled
 from harness_opt.harness.first_pose import first_state
 from harness_opt.harness.following import Progress, follow_harness
 from harness_opt.harness.freedoms import Freedoms, with_found
@@ -42,7 +43,9 @@ class FoundHarness:
     message: str
 
 
-def find(freedoms: Freedoms, motion: Array, solver: str, progress: Progress | None = None) -> FoundHarness:
+def find(
+    freedoms: Freedoms, motion: Array, solver: str, progress: Progress | None = None, *, between: bool = True
+) -> FoundHarness:
     """Find what is free in a harness over ``motion`` (P,), from its clamps alone.
 
     Args:
@@ -50,6 +53,7 @@ def find(freedoms: Freedoms, motion: Array, solver: str, progress: Progress | No
         motion: values of the frames.
         solver: name of the one that the spans are solved by.
         progress: as of :func:`~harness_opt.harness.following.follow_harness`.
+        between: whether it is to be known between the frames as exactly as in them.
     """
     problem, first = _begun(freedoms, float(motion[0]), solver)
     names = ", ".join(freedoms.spans)
@@ -59,7 +63,11 @@ def find(freedoms: Freedoms, motion: Array, solver: str, progress: Progress | No
     followed = follow_harness(first, motion, progress)
     states = followed.states
     jumps = sorted({frame for frame, _ in followed.snaps if frame < len(states)})
-    found = freedoms.found(motion[: len(states)], [state.pose for state in states], jumps)
+    way = Filled(states, tuple(jumps), ())
+    if between:
+        way = filled(states, jumps, [0.5] if problem.out_and_back else [])
+    at = np.array([state.at for state in way.states])
+    found = freedoms.found(at, [state.pose for state in way.states], way.jumps, way.kinks)
     solves = {span: [state.spans[number].solved for state in states] for number, span in enumerate(freedoms.spans)}
     return FoundHarness(
         with_found(freedoms, problem, found), solves, tuple(followed.snaps), followed.status, followed.message

@@ -270,6 +270,7 @@ class FoundPoses:
         motion: values (n,) at which it was found, increasing.
         positions, quaternions: (n, 3), m, and (n, 4).
         jumps: numbers (k,) of those places that it comes to by a jump, increasing.
+        kinks: numbers (k,) of those at which it turns sharply.
         places: arc lengths (n,), m, at which a cable stands in a clip that it slides through; None elsewhere.
     """
 
@@ -277,6 +278,7 @@ class FoundPoses:
     positions: Array
     quaternions: Array
     jumps: tuple[int, ...] = ()
+    kinks: tuple[int, ...] = ()
     places: Array | None = None
 
     def poses(self, at: Array) -> tuple[Array, Array]:
@@ -316,7 +318,7 @@ class FoundPoses:
             yield np.arange(len(at)), (0, 0)
             return
         inner = [edge for jump in self.jumps for edge in (jump - 1, jump)]
-        edges = sorted({0, *inner, len(self.motion) - 1})
+        edges = sorted({0, *inner, *self.kinks, len(self.motion) - 1})
         stretch = np.clip(np.searchsorted(self.motion[edges], at, side="right") - 1, 0, len(edges) - 2)
         for k in np.unique(stretch).tolist():
             yield np.flatnonzero(stretch == k), (edges[k], edges[k + 1])

@@ -205,6 +205,8 @@ def in_turn(
     follow: Callable[[Problem, str, FoundHarness | None], Sweep],
     solver: str,
     progress: Progress | None = None,
+    *,
+    between: bool = True,
 ) -> SweptSpans:
     """Follow the spans of all cables one after the other: what rolls clips are fitted in, the spans behind them hold.
 
@@ -216,6 +218,7 @@ def in_turn(
         follow: one span of the problem of spans, by name, with the harness that it is part of, if any.
         solver: name of the one that harnesses are found by.
         progress: as of :func:`sweep`.
+        between: whether harnesses are to be known between the frames as exactly as in them.
     """
     problem = problem.changed(found={})
     spans, apart = spans_of(problem), in_spans(problem)
@@ -223,7 +226,7 @@ def in_turn(
     groups = {span: freedoms for freedoms in harnesses(apart, problem) for span in freedoms.spans}
     for name in spans:
         if name in groups and name not in coupled:
-            harness = find(groups[name].of(apart), motion, solver, progress)
+            harness = find(groups[name].of(apart), motion, solver, progress, between=between)
             coupled |= dict.fromkeys(groups[name].spans, harness)
             apart = harness.problem
         swept[name] = follow(apart, name, coupled.get(name))
