@@ -29,8 +29,6 @@ from .model.bodies import Poses as Poses
 from .model.bodies import Slide as Slide
 from .model.cable import Cable as Cable
 from .model.cable import CableRun as CableRun
-from .model.cable import Clip as Clip
-from .model.cable import End as End
 from .model.courses import Move as Move
 from .model.courses import Moves as Moves
 from .model.courses import ValueTable as ValueTable
@@ -39,6 +37,8 @@ from .model.design import Design as Design
 from .model.design import Limits as Limits
 from .model.design import Tolerance as Tolerance
 from .model.design import Variable as Variable
+from .model.ends import Clip as Clip
+from .model.ends import End as End
 from .model.parts import (
     Box as Box,
 )

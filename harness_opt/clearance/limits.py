@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from harness_opt.clearance.pairs import ClearanceResult, rows_of_whole_cables
-from harness_opt.model.cable import ENDS, REACH_TOLERANCE
+from harness_opt.model.cable import REACH_TOLERANCE
+from harness_opt.model.ends import ENDS
 from harness_opt.model.limits import CABLE_KINDS, CLAMP_LOADS, CLIP_LOADS, FORCES, LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Holds, LimitResult, Motion, Quantities, at_clip, split

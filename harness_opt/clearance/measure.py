@@ -43,7 +43,7 @@ from harness_opt.clearance.what_counts import domains, least_gap, let_off
 from harness_opt.clearance.witnesses import DECIDES, LONG, Certificate, Found, Task, Witnesses, never
 from harness_opt.model import checks
 from harness_opt.model.bodies import WORLD
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.limits import Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, cubic_errors, split

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from harness_opt.clearance.witnesses import Task
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.problem import Problem
 from harness_opt.parts.geometry import Geometry
 

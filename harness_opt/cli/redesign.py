@@ -122,9 +122,9 @@ def interrupted(folder: Path, problem: Problem) -> Earlier | None:
 
 def _earlier(found: dict[str, Any] | None, problem: Problem) -> Earlier | None:
     """Return what the summary of an interrupted redesign of ``problem`` holds; None where it is of something else."""
+    from harness_opt.design.limit_keys import limit_keys
     from harness_opt.design.result import Earlier
     from harness_opt.design.sqp import Step
-    from harness_opt.model.limit_keys import limit_keys
 
     parts = (Status.INTERRUPTED.name.lower(), Status.TIME_LIMIT.name.lower())
     if (

@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harness_opt.design.evaluation import HELD, SEARCH_STRIDE, Evaluated, Evaluator
+from harness_opt.design.limit_keys import LimitKey, is_between_cables, limit_keys
 from harness_opt.design.objective import Beyond, Objective
 from harness_opt.design.sqp import Note, descend
 from harness_opt.design.verification import verify
 from harness_opt.model import design_variables
 from harness_opt.model.design import Variable
-from harness_opt.model.limit_keys import LimitKey, is_between_cables, limit_keys
 from harness_opt.model.limits import LimitId, LimitKind
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.quadratic_program import solve

@@ -19,8 +19,7 @@ from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance, of_whole_cables
 from harness_opt.clearance.what_counts import arc_apart, let_off_rate
 from harness_opt.clearance.witnesses import Witnesses
-from harness_opt.design.curved_distance import Passing, second_order
-from harness_opt.design.margins import at_stations, linearised
+from harness_opt.design.margins import Passing, at_stations, linearised, second_order
 from harness_opt.errors import ProblemError, SolveError
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.quantity_keys import Quantity, differentiable

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.design.evaluation import Evaluated, Evaluator
+from harness_opt.design.limit_keys import LimitKey, limit_keys
 from harness_opt.design.objective import Objective, objective_of
 from harness_opt.design.search import search, verified
 from harness_opt.design.sqp import Note
 from harness_opt.design.verification import Verified
 from harness_opt.errors import ProblemError
 from harness_opt.model.design import Design
-from harness_opt.model.limit_keys import LimitKey, limit_keys
 from harness_opt.model.limits import LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.numerics.rotations import Array

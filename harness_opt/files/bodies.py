@@ -138,6 +138,8 @@ class BodyTable(Table):
         default=(1.0, 0.0, 0.0, 0.0), description="How it stands there, scalar first; left out, as the parent."
     )
     motion: MotionTable | None = Field(default=None, description="How the body moves: hinge, slide or poses.")
+    free: Flag = Field(default=False, description="Hangs on its cables; position and quaternion are a first guess.")
+    mass: NotNegative = Field(default=0.0, description="Of a free body, kg; its centre is the body's origin.")
 
 
 class BaseTable(Table):

@@ -17,8 +17,8 @@ from typing import Any
 from harness_opt.errors import ProblemError
 from harness_opt.files.schema import ProblemTable, RobustTable
 from harness_opt.files.tolerance_table import tolerance
-from harness_opt.model.cable import ENDS
 from harness_opt.model.checks import KeyPath, Mistake, by_name, dotted, one_of
+from harness_opt.model.ends import ENDS
 
 CLIPS = "clips"  # of a cable: an array of tables, each with its name
 COMPONENTS = {3: "xyz", 4: "wxyz"}  # names of the entries of a list, by its length; others are numbered

@@ -36,10 +36,11 @@ from harness_opt.files.tolerance_table import tolerance
 from harness_opt.files.values import structured
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Body, BodyMotion, Hinge, Slide, seconds_of
-from harness_opt.model.cable import Cable, CableRun, Clip, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.checks import Mistake, coupling, dotted, shown
 from harness_opt.model.courses import Moves
 from harness_opt.model.design import Coupling, Design, Limits, Robust, Variable
+from harness_opt.model.ends import Clip, End
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Robot, Solid, Sphere
 from harness_opt.model.problem import Problem
 
@@ -202,7 +203,8 @@ def _problem(
 ) -> Problem:
     bend_radius, own_radii = bend_radii(tables.limits, tables.cables)
     bodies = {
-        name: Body(motions[name], body.parent, body.position, body.quaternion) for name, body in tables.bodies.items()
+        name: Body(motions[name], body.parent, body.position, body.quaternion, body.free, body.mass)
+        for name, body in tables.bodies.items()
     }
     parts = {name: _part(part, places) for name, part in tables.parts.items()}
     for robot in robots.values():
@@ -316,7 +318,7 @@ def on_one_clock(
 
 def _cable_run(cable: file_schema.CableTable, bend_radius: float | None) -> CableRun:
     ends = _end(cable.start), _end(cable.end)
-    clips = tuple(Clip(**clip.model_dump(exclude={"kind"})) for clip in cable.clips)
+    clips = tuple(Clip(**clip.model_dump()) for clip in cable.clips)
     return CableRun(_cable(cable), *ends, cable.bow, cable.fitted_at, clips, bend_radius)
 
 

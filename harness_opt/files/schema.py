@@ -41,6 +41,7 @@ from harness_opt.files.values import (
     schema_of,
 )
 from harness_opt.model.checks import one_of
+from harness_opt.model.ends import CLIP_KINDS, ClipKind
 
 
 class EndTable(Table):
@@ -96,8 +97,10 @@ class ClipTable(EndTable):
 
     name: Text = Field(description="Of the clip, none other of the cable's; not start, end or length.")
     at: Positive = Field(description="Arc length at which the cable is clipped, m.")
-    kind: Annotated[Literal["fixed"], Expected(one_of(("fixed",)))] = Field(
-        default="fixed", description="The clip holds the cable's place and its section frame."
+    kind: Annotated[ClipKind, Expected(one_of(CLIP_KINDS))] = Field(
+        default="fixed",
+        description="fixed: holds place and section; swivel: turns about its tangent; pivot: holds its place alone; "
+        "sleeve: slides, tangent held; ring: slides, tangent free.",
     )
 
 

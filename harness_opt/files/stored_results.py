@@ -15,9 +15,10 @@ from harness_opt.errors import HarnessError, ProblemError
 from harness_opt.files.arrays import ROUNDING, read_arrays
 from harness_opt.files.read import read_problem
 from harness_opt.files.result_folder import SUMMARY, read_summary
-from harness_opt.model.cable import CableRun
+from harness_opt.model.courses import FoundPoses
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Snap
+from harness_opt.model.spans import clip_key, spans_of
 from harness_opt.numerics.rotations import Array
 
 USED = "used"  # in a result folder: the problem and the parts that it was made with
@@ -42,7 +43,7 @@ def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, Motion | None, 
         summary = read_summary(folder)
         if summary is None:
             raise HarnessError(f"{folder}: found no result of harness-opt, expected a result folder")
-        values, cables = read_arrays(within(folder, folder / "motion.npz"))
+        values, cables, found = read_arrays(within(folder, folder / "motion.npz"))
         file = within(folder, folder / "before.npz")
         earlier = read_arrays(file) if file.is_file() else None
         rows = [row for row in summary["limits"] if row["margin"] is not None]
@@ -66,7 +67,9 @@ def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, Motion | None, 
         raise HarnessError(f"{folder}: found a damaged result ({error!r}), expected a whole one") from error
     given = _problem(folder, GIVEN)
     redesigned = within(folder, folder / USED / REDESIGNED).is_file()
-    problem = _problem(folder, REDESIGNED) if redesigned else given
+    problem = _with_found(folder, _problem(folder, REDESIGNED) if redesigned else given, found)
+    if earlier is not None:
+        given = _with_found(folder, given, earlier[2])
     for shapes, of in ((cables, problem), *(() if earlier is None else ((earlier[1], given),))):
         if set(shapes) != set(of.cables) or not len(values):
             raise HarnessError(f"{folder}: found shapes of {sorted(shapes)}, expected {sorted(of.cables)}")
@@ -75,22 +78,36 @@ def read_motion(folder: str | os.PathLike[str]) -> tuple[Motion, Motion | None, 
             if not math.isclose(length, run.cable.length, rel_tol=ROUNDING):
                 words = f"{name} {length:g} m long, not {run.cable.length:g}"
                 raise HarnessError(f"{folder}: found a damaged result ({words}), expected a whole one")
-            if not _clipped(run, shapes[name]):
+            if not _clipped(of, name, shapes[name]):
                 words = f"{name} without two stations at each of its {len(run.clips)} clips"
                 raise HarnessError(f"{folder}: found a damaged result ({words}), expected a whole one")
     if any(snap.cable not in cables or not 0 <= snap.frame < len(values) for snap in snaps):
         raise HarnessError(f"{folder}: found a damaged result (a snap of no cable or frame), expected a whole one")
     motion = Motion(problem, values, cables, snaps=snaps)
-    before = None if earlier is None or not earlier[1] else Motion(given, *earlier)
+    before = None if earlier is None or not earlier[1] else Motion(given, earlier[0], earlier[1])
     return motion, before, worst
 
 
-def _clipped(run: CableRun, shapes: CableMotion) -> bool:
+def _with_found(folder: Path, problem: Problem, found: Mapping[str, FoundPoses]) -> Problem:
+    """Return ``problem`` with everything free where it was ``found``.
+
+    Raises:
+        HarnessError: something else was found than is free.
+    """
+    free = {name for name, body in problem.bodies.items() if body.free}
+    free |= {clip_key(name, clip.name) for name, run in problem.cables.items() for clip in run.clips if clip.is_free}
+    if set(found) != free:
+        words = f"places of {sorted(found)}, not of {sorted(free)}"
+        raise HarnessError(f"{folder}: found a damaged result ({words}), expected a whole one")
+    return problem.changed(found=found)
+
+
+def _clipped(problem: Problem, cable: str, shapes: CableMotion) -> bool:
     """Return whether there are two stations and two nodes at each clip, and nowhere else."""
-    length = run.cable.length
+    length = problem.cables[cable].cable.length
     for places, unit in ((shapes.s, length), (shapes.mesh, 1.0)):
         doubled = places[np.flatnonzero(np.diff(places) == 0.0)] / unit
-        at = np.array([clip.at / length for clip in run.clips])
+        at = np.array([span.last / length for span in spans_of(problem).values() if span.cable == cable][:-1])
         if doubled.shape != at.shape or not np.allclose(doubled, at, rtol=0.0, atol=ROUNDING):
             return False
     return True
@@ -137,12 +154,14 @@ class StoredResult:
         summary: what ``summary.json`` holds.
         motion: (P,), 0 to 1, of the frames.
         cables: the shapes, by name.
+        found: where free bodies stood, by name, and the cable in clips that let it turn or slide, "CABLE, CLIP".
     """
 
     folder: Path
     summary: Mapping[str, Any]
     motion: Array
     cables: Mapping[str, CableMotion]
+    found: Mapping[str, FoundPoses]
 
 
 def read_results(folder: str | Path) -> StoredResult:

@@ -18,9 +18,10 @@ from harness_opt.files.bodies import HEADER, WAYS, parse_poses, parse_values
 from harness_opt.files.places import MOST_MESH_BYTES, Places, digest
 from harness_opt.files.tolerance_table import content_of
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Poses
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.courses import Moves, ValueTable
 from harness_opt.model.design import Limits
+from harness_opt.model.ends import End
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Robot, Solid, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
@@ -154,7 +155,8 @@ def _cable(run: CableRun) -> Table:
     if run.clips:
         clips = tomlkit.aot()
         for clip in run.clips:
-            clips.append(_fill(tomlkit.table(), [("name", clip.name, ""), ("at", clip.at, "m"), *_end_rows(clip)]))
+            own: Rows = [("name", clip.name, ""), ("at", clip.at, "m"), ("kind", clip.kind, "")]
+            clips.append(_fill(tomlkit.table(), [*own[: 3 if clip.kind != "fixed" else 2], *_end_rows(clip)]))
         found.add("clips", clips)
     return found
 
@@ -180,6 +182,8 @@ def _body(name: str, body: Body, file: Path, pending: dict[Path, bytes]) -> Tabl
         ("parent", body.parent if body.parent != WORLD else None, ""),
         ("position", _numbers(body.position) if any(body.position) else None, "m"),
         ("quaternion", None if tuple(body.quaternion) == rotations.IDENTITY else _numbers(body.quaternion), ""),
+        ("free", body.free or None, "hangs on its cables"),
+        ("mass", body.mass or None, "kg"),
     ]
     given = any(value is not None for _, value, _ in rows)
     table = _fill(tomlkit.table(is_super_table=body.motion is not None and not given), rows)

@@ -18,7 +18,8 @@ import numpy as np
 
 from harness_opt.harness.freedoms import Freedoms, PlacedEnds, Pose
 from harness_opt.harness.span_loads import LENGTH, POSITION, ROTATION, SIZE, SpanLoads
-from harness_opt.model.cable import ENDS, CableRun
+from harness_opt.model.cable import CableRun
+from harness_opt.model.ends import ENDS
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.model.bodies import WORLD, seen_from
-from harness_opt.model.cable import Clip, End
 from harness_opt.model.courses import FoundPoses
+from harness_opt.model.ends import Clip, End
 from harness_opt.model.problem import Problem
 from harness_opt.model.spans import clip_key, spans_of
 from harness_opt.numerics import rotations

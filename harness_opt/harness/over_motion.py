@@ -15,7 +15,7 @@ from harness_opt.harness.first_pose import first_state
 from harness_opt.harness.following import Progress, follow_harness
 from harness_opt.harness.freedoms import Freedoms, with_found
 from harness_opt.harness.rest import at_rest, reheld
-from harness_opt.model.cable import ENDS
+from harness_opt.model.ends import ENDS
 from harness_opt.model.problem import Problem, held_as
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array

@@ -13,7 +13,8 @@ import numpy as np
 from harness_opt.errors import HarnessError
 from harness_opt.measured.measurements import Measurements, Pose
 from harness_opt.measured.pose import Shaped, force_at, rates, shaped, tip
-from harness_opt.model.cable import Cable, End
+from harness_opt.model.cable import Cable
+from harness_opt.model.ends import End
 from harness_opt.numerics.rotations import Array
 
 WELL = 0.05  # half an interval, as a share of a stiffness, that nobody improves on

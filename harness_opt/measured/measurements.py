@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from harness_opt.model.cable import Cable, End
+from harness_opt.model.cable import Cable
+from harness_opt.model.ends import End
 from harness_opt.numerics.rotations import Array
 
 TORSION = 0.75  # of the bending stiffness, where nothing is known of the torsional one: between rubber and metal

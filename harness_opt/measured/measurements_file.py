@@ -30,8 +30,9 @@ from harness_opt.files.values import (
     structured,
 )
 from harness_opt.measured.measurements import TORSION, Measurement, Measurements, Pose
-from harness_opt.model.cable import Cable, End
+from harness_opt.model.cable import Cable
 from harness_opt.model.checks import dotted, one_of, shown
+from harness_opt.model.ends import End
 from harness_opt.numerics.rotations import Array
 
 MOST_BYTES = MEGABYTE  # of a table of points: ten thousand of them, from any photograph

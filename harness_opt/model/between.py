@@ -13,9 +13,9 @@ from typing import Any, get_args
 
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
-from harness_opt.model.between_variables import mistakes_of_variables
+from harness_opt.model.between_keys import mistakes_of_bodies, mistakes_of_owner, mistakes_of_variables
 from harness_opt.model.bodies import WORLD, Body
-from harness_opt.model.cable import CLIP_KINDS, ENDS, NO_CLIP, Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.checks import (
     INVALID,
     ORIENTATIONS,
@@ -30,6 +30,7 @@ from harness_opt.model.checks import (
     value,
 )
 from harness_opt.model.design import Minimise
+from harness_opt.model.ends import CLIP_KINDS, ENDS, NO_CLIP, End
 from harness_opt.model.parts import UP_AXES, Box, MeshFile, Part, mesh_mistakes
 from harness_opt.model.spans import too_short
 
@@ -50,10 +51,8 @@ def mistakes_between(tree: Tree) -> Iterator[Mistake]:
     for name in table(tree, "cables"):
         yield from _cable(tree, name)
     for name in table(tree, "parts"):
-        yield from _body(tree, ("parts", name), table(tree, "parts", name))
-    for name in table(tree, "bodies"):
-        yield from _body(tree, ("bodies", name), table(tree, "bodies", name), "parent")
-    yield from _circles(table(tree, "bodies"))
+        yield from mistakes_of_owner(tree, ("parts", name), table(tree, "parts", name))
+    yield from mistakes_of_bodies(tree)
     yield from _bend_radius(tree)
     yield from mistakes_of_variables(tree)
 
@@ -82,37 +81,6 @@ def is_name(name: str, also: str = "") -> bool:
     return bool(name) and name == name.strip(" .") and plain
 
 
-def _body(tree: Tree, path: KeyPath, owner: Tree, key: str = "body") -> Iterator[Mistake]:
-    """Check that the body which ``owner`` names exists."""
-    name, bodies = value(owner, key), tree.get("bodies", {})
-    if name is None or not isinstance(bodies, Mapping):
-        return
-    if not isinstance(name, str):
-        yield (*path, key), f"found {shown(name)}, expected text in quotes"
-        return
-    known = [WORLD, *(body for body in bodies if body != WORLD)]
-    if name not in known:
-        yield (*path, key), f"found {shown(name)}, expected {one_of(known, name)}"
-
-
-def _circles(bodies: Tree) -> Iterator[Mistake]:
-    """Check that no body carries itself, however many are between; each circle is told once."""
-    told: set[str] = set()
-    for name in bodies:
-        way = [name]
-        while True:
-            parent = value(table(bodies, way[-1]), "parent")
-            if not isinstance(parent, str) or parent == WORLD or parent not in bodies or parent in told:
-                break
-            if parent in way:
-                circle = [*way[way.index(parent) :], parent]
-                around = " on ".join(shown(one) for one in circle)
-                yield ("bodies", parent, "parent"), f"found a circle, {around}, expected one that leads to the world"
-                break
-            way.append(parent)
-        told.update(way)
-
-
 # --- cables --------------------------------------------------------------------------------------------
 
 
@@ -125,7 +93,7 @@ def _cable(tree: Tree, name: str) -> Iterator[Mistake]:
         *(((*path, side), end) for side, end in ends.items()),
         *(((*path, "clips", clip), table(clips, clip)) for clip in clips),
     ):
-        yield from _body(tree, where, end)
+        yield from mistakes_of_owner(tree, where, end)
         yield from _holders(tree, (*where, "holders"), end)
         yield from _choices(where, end)
     yield from _clips(path, cable)
@@ -359,7 +327,9 @@ def _tree(problem: Any) -> dict[str, Any]:
     variables |= {one.name: f"= {one.words}" for one in design.couplings}
     return {
         "cables": {name: _run_table(run) for name, run in problem.cables.items()},
-        "bodies": {name: {"parent": body.parent, "free": body.free} for name, body in problem.bodies.items()},
+        "bodies": {
+            name: {"parent": body.parent, "free": body.free, "mass": body.mass} for name, body in problem.bodies.items()
+        },
         "parts": {name: {"body": part.body} for name, part in problem.parts.items()},
         "limits": {"bend_radius": problem.limits.bend_radius or None},
         "design": {"variables": variables, "weights": dict(design.weights)},

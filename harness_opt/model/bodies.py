@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.model.checks import Quaternion, Vector
-from harness_opt.model.courses import Course, PoseSpline, ValueTable, increasing
+from harness_opt.model.courses import Course, FoundPoses, PoseSpline, ValueTable, increasing
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 
@@ -337,3 +337,38 @@ def chain(bodies: Mapping[str, Body], name: str) -> list[Body]:
         found.append(bodies[name])
         name = found[-1].parent
     return found[::-1]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Stretches (k,) of the motion over which bodies move.
+
+    Args:
+        first, last: on the way there.
+        began, ended: of the motion itself, which goes there and back.
+        faster: times that is as fast as the way there.
+        found: of the free body that carries what is followed; None where none does, or it is not found.
+    """
+
+    first: Array
+    last: Array
+    began: Array
+    ended: Array
+    faster: float
+    found: FoundPoses | None
+
+    @property
+    def long(self) -> Array:
+        """How long they are, on the way there, (k,)."""
+        return self.last - self.first
+
+    def followed(self, body: Body, rates: Rates, pose: tuple[Array, Array]) -> tuple[Rates, tuple[Array, Array]]:
+        """Return rates and pose of ``body`` from those of its parent; what is fixed to that moves as it does."""
+        if body.free and self.found is not None:
+            speed, acceleration, turning, change = self.found.rates(self.began, self.ended)
+            middle = self.found.poses(0.5 * (self.began + self.ended))
+            fast = self.faster
+            return Rates(middle[0], speed / fast, acceleration / fast**2, turning / fast, change / fast**2), middle
+        if body.motion is not None:
+            rates = body.motion.rates(self.first, self.last).carried(rates, pose, self.long)
+        return rates, composed(pose, body.poses(0.5 * (self.first + self.last)))

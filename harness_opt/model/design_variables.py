@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.model.cable import ENDS, Clip, End, Side
 from harness_opt.model.design import Variable
+from harness_opt.model.ends import ENDS, Clip, End, Side
 from harness_opt.model.limits import quoted
 from harness_opt.model.problem import Problem
 from harness_opt.model.spans import Span, in_spans, spans_of

@@ -21,11 +21,12 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
 from harness_opt.model.between import mistakes_of
-from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, chain, composed, seen_from
-from harness_opt.model.cable import CableRun, End
+from harness_opt.model.bodies import WORLD, Body, Hinge, Poses, Rates, Slide, Stretch, chain, composed, seen_from
+from harness_opt.model.cable import CableRun
 from harness_opt.model.checks import Vector
 from harness_opt.model.courses import FoundPoses, polyline
 from harness_opt.model.design import Design, Limits, Robust
+from harness_opt.model.ends import End
 from harness_opt.model.limits import LimitKind
 from harness_opt.model.parts import MeshFile, Part, Robot
 from harness_opt.numerics import rotations
@@ -138,7 +139,7 @@ class Problem:
         there = np.sort(self._there(np.stack([first, last])), axis=0)
         faster = 2.0 if self.out_and_back else 1.0
         found = [self.found.get(self.root(name)) for name in (body, view)]
-        stretch, other_stretch = (_Stretch(there[0], there[1], first, last, faster, one) for one in found)
+        stretch, other_stretch = (Stretch(there[0], there[1], first, last, faster, one) for one in found)
         own, other = chain(self.bodies, body), chain(self.bodies, view)
         both = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] is pair[1], zip(own, other, strict=False)))
         rates, pose = Rates.steady(np.zeros(3), len(first)), Body().poses(first)
@@ -202,41 +203,6 @@ class Problem:
         """Return the limit that holds for ``part``, m: its own, or the general one."""
         own = self.parts[part].clearance
         return self.limits.clearance if own is None else own
-
-
-@dataclass(frozen=True)
-class _Stretch:
-    """Stretches (k,) of the motion over which bodies move.
-
-    Args:
-        first, last: on the way there.
-        began, ended: of the motion itself, which goes there and back.
-        faster: times that is as fast as the way there.
-        found: of the free body that carries what is followed; None where none does, or it is not found.
-    """
-
-    first: Array
-    last: Array
-    began: Array
-    ended: Array
-    faster: float
-    found: FoundPoses | None
-
-    @property
-    def long(self) -> Array:
-        """How long they are, on the way there, (k,)."""
-        return self.last - self.first
-
-    def followed(self, body: Body, rates: Rates, pose: tuple[Array, Array]) -> tuple[Rates, tuple[Array, Array]]:
-        """Return rates and pose of ``body`` from those of its parent; what is fixed to that moves as it does."""
-        if body.free and self.found is not None:
-            speed, acceleration, turning, change = self.found.rates(self.began, self.ended)
-            middle = self.found.poses(0.5 * (self.began + self.ended))
-            fast = self.faster
-            return Rates(middle[0], speed / fast, acceleration / fast**2, turning / fast, change / fast**2), middle
-        if body.motion is not None:
-            rates = body.motion.rates(self.first, self.last).carried(rates, pose, self.long)
-        return rates, composed(pose, body.poses(0.5 * (self.first + self.last)))
 
 
 def given_problem(problem: object) -> Problem:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness_opt.model.cable import REACH_TOLERANCE, CableRun, Clip
+from harness_opt.model.cable import REACH_TOLERANCE, CableRun
+from harness_opt.model.ends import Clip
 from harness_opt.model.limits import LimitId, Obstacle, quoted
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, Quantities
 from harness_opt.motion.cases import CableCases

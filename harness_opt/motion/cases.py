@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.problem import Problem, held_as
 from harness_opt.rod.boundary import Case, case
 from harness_opt.rod.states import Rod

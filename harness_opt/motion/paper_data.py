@@ -24,7 +24,7 @@ from harness_opt.errors import ProblemError
 from harness_opt.files.arrays import plain_array, unpacked_size
 from harness_opt.model import checks
 from harness_opt.model.bodies import Poses
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
 from harness_opt.motion.path import place_frames

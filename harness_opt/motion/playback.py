@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.model import checks
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.results import CableMotion, Motion, split
 from harness_opt.model.spans import spans_of
 from harness_opt.motion.paper_data import Profile, solved

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.model.cable import Clip
 from harness_opt.model.design_variables import ClampRates, clamp_rates
+from harness_opt.model.ends import Clip
 from harness_opt.model.problem import Problem
 from harness_opt.model.spans import spans_of
 from harness_opt.motion.sweep import Sweep

@@ -14,7 +14,7 @@ import numpy as np
 from harness_opt.errors import Status
 from harness_opt.harness.freedoms import harnesses
 from harness_opt.harness.over_motion import FoundHarness, find
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import STATIONS, CableMotion, Followed, Quantities, cubic_errors
 from harness_opt.model.spans import carried, in_spans, spans_of

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from harness_opt.model.bodies import WORLD, Body, BodyMotion, Hinge, Slide
-from harness_opt.model.cable import CableRun, End
+from harness_opt.model.cable import CableRun
 from harness_opt.model.courses import Course, Moves, ValueTable
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
+from harness_opt.model.ends import End
 from harness_opt.model.limits import CABLE_KINDS, LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts

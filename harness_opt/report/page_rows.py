@@ -11,8 +11,9 @@ import numpy as np
 from harness_opt.clearance.pairs import ClearanceResult
 from harness_opt.files.summary import LimitEntry, Summary, limit_of, moments_of
 from harness_opt.model.bodies import WORLD, BodyMotion, Hinge, Poses, Slide
-from harness_opt.model.cable import CableRun, Clip, End
+from harness_opt.model.cable import CableRun
 from harness_opt.model.courses import Course, Moves, ValueTable
+from harness_opt.model.ends import Clip, End
 from harness_opt.model.limits import KIND_OF_KEY, LimitKind
 from harness_opt.model.problem import Moments, Problem, travels
 from harness_opt.model.results import Motion

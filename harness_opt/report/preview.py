@@ -12,7 +12,7 @@ import numpy as np
 from harness_opt.files.summary import path_entry
 from harness_opt.files.whole_folder import write_whole
 from harness_opt.model.bodies import Hinge
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.plausibility import doubts, part_doubts
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations

@@ -22,7 +22,7 @@ from harness_opt.files.summary import (
     limit_entry,
 )
 from harness_opt.model import design_variables
-from harness_opt.model.cable import End
+from harness_opt.model.ends import End
 from harness_opt.model.limits import DEGREES, KIND_OF_KEY, MILLIMETRES, Unit, spoken
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion

@@ -98,6 +98,6 @@ def write_results(
 
 def _write_arrays(file: Path, motion: Motion) -> None:
     try:
-        write_arrays(file, motion.motion, motion.cables)
+        write_arrays(file, motion.motion, motion.cables, motion.problem.found)
     except ValueError as error:
         raise ProblemError(f"{file.name}: found {error}, expected none: nothing was written") from error

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness_opt.clearance.what_counts import let_off_length
-from harness_opt.model.cable import Clip, End
+from harness_opt.model.ends import Clip, End
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from harness_opt.errors import ProblemError
-from harness_opt.model.cable import REACH_TOLERANCE, Cable, End
+from harness_opt.model.cable import REACH_TOLERANCE, Cable
+from harness_opt.model.ends import End
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import IDENTITY, Array
 from harness_opt.rod import equations as rod

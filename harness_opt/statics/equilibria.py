@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import ProblemError
 from harness_opt.model import checks
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
+from harness_opt.model.ends import End
 from harness_opt.model.results import STATIONS
 from harness_opt.numerics.rotations import Array, cross, normalise
 from harness_opt.numerics.threads import one_thread

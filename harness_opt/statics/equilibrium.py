@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from harness_opt.errors import SolveError, Status
 from harness_opt.model import checks
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
+from harness_opt.model.ends import End
 from harness_opt.model.results import STATIONS, Quantities
 from harness_opt.numerics.interface import Solution
 from harness_opt.numerics.rotations import Array

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness_opt.model.cable import CableRun, End
+from harness_opt.model.cable import CableRun
+from harness_opt.model.ends import End
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.rod.boundary import Case, case

@@ -12,8 +12,9 @@ import harness_opt as ho
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Between, Options
 from harness_opt.model.bodies import Body, Hinge, Poses, Slide
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.design import Limits
+from harness_opt.model.ends import End
 from harness_opt.model.parts import Box, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Snap

@@ -10,8 +10,9 @@ from harness_opt.clearance.centreline import closest_on_segments, sag
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.pairs import Options
 from harness_opt.model.bodies import Body, Hinge
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.design import Limits
+from harness_opt.model.ends import End
 from harness_opt.model.parts import Box, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations

@@ -15,8 +15,8 @@ import harness_opt as ho
 from harness_opt.clearance.measure import measure
 from harness_opt.clearance.witnesses import Witnesses
 from harness_opt.cli.commands import main
-from harness_opt.design.curved_distance import Passing, second_order
 from harness_opt.design.key_derivatives import key_scale, linear, usual
+from harness_opt.design.margins import Passing, second_order
 from harness_opt.design.robustness import smallest
 from harness_opt.errors import ProblemError
 from harness_opt.files.quantities import quantities_of

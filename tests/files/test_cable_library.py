@@ -10,10 +10,10 @@ import pytest
 import harness_opt as ho
 from harness_opt.clearance.limits import all_limits
 from harness_opt.cli.commands import main
+from harness_opt.design.limit_keys import limit_keys
 from harness_opt.errors import ProblemError
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.read import read_problem, toml_tables
-from harness_opt.model.limit_keys import limit_keys
 from harness_opt.report.redesign_words import redesign_words
 from harness_opt.report.summary import summary
 from oracles.flap import FLAP, HIT, put

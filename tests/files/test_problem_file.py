@@ -16,8 +16,9 @@ import pytest
 
 from harness_opt.files.read import read_problem, schema, write_problem
 from harness_opt.model.bodies import Hinge, Slide
-from harness_opt.model.cable import Cable, End
+from harness_opt.model.cable import Cable
 from harness_opt.model.design import Limits, Variable
+from harness_opt.model.ends import End
 from harness_opt.model.parts import Box, Capsule, Cylinder, MeshFile, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations

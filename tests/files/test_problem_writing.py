@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 from harness_opt.errors import ProblemError
 from harness_opt.files.read import read_problem, write_problem
 from harness_opt.model.bodies import Body, Hinge, Slide
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.design import Design, Limits, Variable
+from harness_opt.model.ends import End
 from harness_opt.model.parts import Box, Capsule, Cylinder, Part, Sphere
 from harness_opt.model.problem import Problem
 from oracles.problem_files import CONTRACT, HEADER, ROWS, changed, poses_of, same, with_poses, written

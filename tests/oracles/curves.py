@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
+from harness_opt.model.ends import End
 from harness_opt.model.results import CableMotion
 from harness_opt.numerics import rotations
 

@@ -7,6 +7,7 @@ segments' length.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import casadi as ca
@@ -118,7 +119,7 @@ def minimum(problem: ho.Problem, segments: int, shapes: dict[str, np.ndarray], p
         h = (reach[1] - reach[0]) / segments
         frames = [ends[0][1], *(x.quaternion(q) for q in begun), ends[1][1]]
         stiffness, rest = ca.DM(cable.stiffness), ca.DM(list(cable.rest_curvature))
-        for k, (a, b) in enumerate(zip(frames[:-1], frames[1:], strict=True)):
+        for k, (a, b) in enumerate(itertools.pairwise(frames)):
             arc = h if 0 < k < segments else 0.5 * h
             relative = product(inverse(a), b)
             sign = ca.sign(relative[0]) if k in (0, segments) else 1.0

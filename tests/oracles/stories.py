@@ -7,7 +7,8 @@ import numpy as np
 from harness_opt.clearance.moving_centreline import MovingCurve
 from harness_opt.clearance.solved_frames import SolvedFrames
 from harness_opt.model.bodies import Body, Hinge
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
+from harness_opt.model.ends import End
 from harness_opt.model.problem import Problem
 from harness_opt.numerics import rotations
 from oracles.curves import DIAMETER, LENGTH, helix, shapes

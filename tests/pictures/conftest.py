@@ -12,8 +12,9 @@ from harness_opt.design.redesign import redesign
 from harness_opt.files.arrays import KEPT
 from harness_opt.files.read import write_problem
 from harness_opt.model.bodies import Body, Hinge
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.design import Design, Limits, Variable
+from harness_opt.model.ends import End
 from harness_opt.model.parts import Box, Capsule, Cylinder, Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion

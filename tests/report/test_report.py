@@ -20,8 +20,9 @@ from harness_opt.errors import ProblemError, SolveError, Status
 from harness_opt.files.read import read_problem, write_problem
 from harness_opt.files.stored_results import read_results
 from harness_opt.model.bodies import Body, Hinge
-from harness_opt.model.cable import Cable, CableRun, End
+from harness_opt.model.cable import Cable, CableRun
 from harness_opt.model.design import Design, Limits, Variable
+from harness_opt.model.ends import End
 from harness_opt.model.parts import Part, Sphere
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Motion

@@ -1,11 +1,11 @@
-"""Checks of the design variables of a problem: their names, bounds, what follows them, and what a redesign prefers."""
+"""Checks between keys: of design variables and their bounds, of bodies and what carries and holds them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from harness_opt.model.cable import ENDS
+from harness_opt.model.bodies import WORLD
 from harness_opt.model.checks import (
     INVALID,
     ORIENTATIONS,
@@ -17,7 +17,9 @@ from harness_opt.model.checks import (
     one_of,
     shown,
     table,
+    value,
 )
+from harness_opt.model.ends import ENDS
 
 
 def variables_of(cable: str, clips: Sequence[str] = ()) -> dict[str, tuple[str, str] | None]:
@@ -118,3 +120,80 @@ def _bounds(path: KeyPath, bounds: Any, *, is_length: bool) -> Iterator[Mistake]
         yield path, f"found {shown(bounds)}, expected [lower, upper] with the lower bound below the upper"
     if is_length and not lower > 0:
         yield path, f"found {shown(bounds)}, expected a lower bound above 0 for a length"
+
+
+# --- bodies -----------------------------------------------------------------------------------------------
+
+
+def mistakes_of_bodies(tree: Tree) -> Iterator[Mistake]:
+    """Yield the mistakes between bodies: what carries them, and what holds those that are free."""
+    for name in table(tree, "bodies"):
+        yield from mistakes_of_owner(tree, ("bodies", name), table(tree, "bodies", name), "parent")
+    yield from _circles(table(tree, "bodies"))
+    yield from _free(tree)
+
+
+def mistakes_of_owner(tree: Tree, path: KeyPath, owner: Tree, key: str = "body") -> Iterator[Mistake]:
+    """Check that the body which ``owner`` names exists."""
+    name, bodies = value(owner, key), tree.get("bodies", {})
+    if name is None or not isinstance(bodies, Mapping):
+        return
+    if not isinstance(name, str):
+        yield (*path, key), f"found {shown(name)}, expected text in quotes"
+        return
+    known = [WORLD, *(body for body in bodies if body != WORLD)]
+    if name not in known:
+        yield (*path, key), f"found {shown(name)}, expected {one_of(known, name)}"
+
+
+def _circles(bodies: Tree) -> Iterator[Mistake]:
+    """Check that no body carries itself, however many are between; each circle is told once."""
+    told: set[str] = set()
+    for name in bodies:
+        way = [name]
+        while True:
+            parent = value(table(bodies, way[-1]), "parent")
+            if not isinstance(parent, str) or parent == WORLD or parent not in bodies or parent in told:
+                break
+            if parent in way:
+                circle = [*way[way.index(parent) :], parent]
+                around = " on ".join(shown(one) for one in circle)
+                yield ("bodies", parent, "parent"), f"found a circle, {around}, expected one that leads to the world"
+                break
+            way.append(parent)
+        told.update(way)
+
+
+def _free(tree: Tree) -> Iterator[Mistake]:
+    """Check that free bodies go where their cables let them, and that these hold them."""
+    bodies, held = table(tree, "bodies"), {WORLD}
+    free = [name for name in bodies if value(table(bodies, name), "free") is True]
+    for name in free:
+        body, path = table(bodies, name), ("bodies", name)
+        if body.get("motion") is not None:
+            yield (*path, "motion"), "found one, expected none: a free body goes where its cables let it"
+        if value(body, "parent") not in (None, WORLD):
+            yield (*path, "parent"), f"found {shown(body['parent'])}, expected none: it hangs on its cables alone"
+    for name in bodies:
+        if value(table(bodies, name), "mass") and name not in free:
+            yield ("bodies", name, "mass"), f"found {shown(bodies[name]['mass'])}, expected free = true beside it"
+    joined = [_roots(bodies, table(tree, "cables", cable)) for cable in table(tree, "cables")]
+    held |= {root for roots in joined for root in roots if root not in free}
+    while any(held & roots and roots - held for roots in joined):
+        held |= set().union(*(roots for roots in joined if held & roots))
+    for name in free:
+        if name not in held:
+            words = "found no cable that leads from it to what stands or moves, expected one: nothing holds it"
+            yield ("bodies", name, "free"), words
+
+
+def _roots(bodies: Tree, cable: Tree) -> set[str]:
+    """Return the bodies that at last carry what holds the place of a cable."""
+    clips, roots = clip_tables(cable), set()
+    for clamp in (table(cable, "start"), table(cable, "end"), *(table(clips, key) for key in clips)):
+        body, way = value(clamp, "body") or WORLD, 0
+        while (parent := value(table(bodies, body), "parent")) not in (None, WORLD) and way < len(bodies):
+            body, way = parent, way + 1
+        if "position" in clamp:
+            roots.add(body)
+    return roots
