@@ -53,6 +53,7 @@ class Evaluated:
         values: of the design variables, (k,).
         indices: which of the motion's frames were solved.
         sweeps: by span.
+        harnesses: by span, those that are part of one.
         motion, clearances: of these frames.
         rates: of the shapes, by span; empty where only a quick look was asked for.
         rows: the limits, scaled and linearised.
@@ -61,6 +62,7 @@ class Evaluated:
     values: Array
     indices: Sequence[int]
     sweeps: Mapping[str, Sweep]
+    harnesses: Mapping[str, FoundHarness]
     motion: Motion
     clearances: ClearanceResult
     rates: Mapping[str, ShapeRates]
@@ -68,7 +70,7 @@ class Evaluated:
 
     def without_shapes(self) -> Evaluated:
         """Return the same without the solver's own objects, which no other process can be sent."""
-        return dataclasses.replace(self, sweeps={}, rates={})
+        return dataclasses.replace(self, sweeps={}, harnesses={}, rates={})
 
     def predicted(self, name: str, values: Array) -> dict[int, Solved]:
         """Return the frames of span ``name``, by index, moved to first order to the design ``values`` (k,)."""
@@ -200,7 +202,15 @@ class Evaluator:
 
         try:
             changed = design_variables.apply(self.problem, values)
-            swept = in_turn(changed, motion_values, follow, self.solver, self.progress, between=False)
+            swept = in_turn(
+                changed,
+                motion_values,
+                follow,
+                self.solver,
+                self.progress,
+                between=False,
+                near=near.harnesses if near else None,
+            )
         except ProblemError:  # shorter than the distance of its ends somewhere on the motion
             return None
         changed, apart, sweeps = swept.whole, swept.problem, swept.sweeps
@@ -213,7 +223,7 @@ class Evaluator:
         clearances = measure(apart, self.scene, motion_values, motion.cables)
         rates, reach = {}, []
         if not quick:
-            for name, clamps in clamps_of_spans(self.problem, values, motion_values, sweeps).items():
+            for name, clamps in clamps_of_spans(self.problem, values, motion_values, swept).items():
                 reach.append(reach_rows(apart, name, motion_values, clamps, self.spare[name]))
                 shares = motion.cables[name].s / sweeps[name].units.length
                 rates[name] = shape_rates(sweeps[name], clamps, shares, exact=False)
@@ -226,7 +236,7 @@ class Evaluator:
             rows = rows.as_reported(self.asked)
         rows = Rows.joined([rows, *reach])
         motion, clearances = joined(changed, motion), of_whole_cables(changed, clearances)
-        return Evaluated(values, indices, sweeps, motion, clearances, rates, rows)
+        return Evaluated(values, indices, sweeps, swept.harnesses, motion, clearances, rates, rows)
 
     def looks(self, places: Array, stride: int) -> Iterator[Evaluated | None]:
         """Yield a quick look at each of ``places`` (n, k), in order and from nothing; what it yields has no shapes.

@@ -139,15 +139,15 @@ def reach_rows(problem: Problem, cable: str, motion: Array, clamps: ClampRates, 
         clamps: how the clamps move with the variables.
         spare: more than that distance, as a share of it, that is asked for.
     """
-    way, length = clamp_way(problem, cable, motion), problem.cables[cable].cable.length
+    way, length = clamp_way(problem, cable, motion), problem.lengths(cable, motion)
     if way is None:
-        return Rows(np.zeros(0), np.zeros((0, len(clamps.length))), (), np.zeros(0, dtype=int), np.zeros(0))
+        return Rows(np.zeros(0), np.zeros((0, clamps.length.shape[-1])), (), np.zeros(0, dtype=int), np.zeros(0))
     distance = np.linalg.norm(way, axis=1)
     apart = np.einsum("pc,pck->pk", way / np.maximum(distance, TINY)[:, None], clamps.end - clamps.start)
     margin = 1.0 - (1.0 + spare) * distance / length
-    rate = (clamps.length * (distance / length)[:, None] - apart) * (1.0 + spare) / length
+    rate = (clamps.length * (distance / length)[:, None] - apart) * (1.0 + spare) / length[:, None]
     count = len(margin)
-    return Rows(margin, rate, (None,) * count, np.arange(count), np.full(count, length))
+    return Rows(margin, rate, (None,) * count, np.arange(count), length)
 
 
 def _clearance_rows(
@@ -210,9 +210,12 @@ def _approach(
 
 
 def _along(shapes: CableMotion, frame: Indices, s: Array, excess: Array, length: Array) -> Array:
-    """Return rates (W, 3, k) along the cable at ``s`` (W,), of ``excess`` (W,) for each of the length's rates (k,)."""
+    """Return rates (W, 3, k) along the cable at ``s`` (W,), of ``excess`` (W,) for each of the length's rates.
+
+    These are (k,), or (P, k) of a span that changes its length from frame to frame.
+    """
     tangent = Curve(shapes.s, shapes.position, rotations.tangent(shapes.quaternion)).slope(frame, s)
-    return (excess[:, None] * tangent)[:, :, None] * length
+    return (excess[:, None] * tangent)[:, :, None] * (length if length.ndim == 1 else length[frame][:, None])
 
 
 def _cable_rows(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -200,7 +200,8 @@ class Freedoms:
                 if end.clip is not None:
                     clips[end.clip] = rotations.multiply(turned[held.bodies[span, side]], pose.frames[end.clip])
                     frames[span, side] = clips[end.clip]
-                    slid = pose.places[end.clip] - self.clips[end.clip].clip.at
+                    clip = self.clips[end.clip].clip
+                    slid = pose.places[end.clip] - clip.at if clip.slides else 0.0
                     lengths[span] += slid if side else -slid
         return PlacedEnds(positions, frames, lengths, clips)
 
@@ -254,6 +255,17 @@ class Freedoms:
             turned = rotations.multiply(rotations.from_rotation_vector(turn), world)
             frames[number] = rotations.normalise(rotations.multiply(rotations.conjugate(carried), turned))
         return Pose(positions, quaternions, frames, places)
+
+    def adapted(self, pose: Pose) -> Pose:
+        """Return a ``pose`` of a like harness with the cable along the tangents that this one's clips hold."""
+        frames = pose.frames.copy()
+        for number, clip in enumerate(self.clips):
+            drawn = clip.clip.frame
+            if drawn is None or clip.clip.freedoms > 1:
+                continue
+            turn = rotations.shortest_arc(rotations.tangent(frames[number]), rotations.tangent(drawn))
+            frames[number] = drawn if not clip.clip.freedoms else rotations.multiply(turn, frames[number])
+        return replace(pose, frames=frames)
 
     def found(
         self, motion: Array, poses: Sequence[Pose], jumps: tuple[int, ...] = (), kinks: tuple[int, ...] = ()

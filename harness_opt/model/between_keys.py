@@ -55,6 +55,9 @@ def mistakes_of_variables(tree: Tree) -> Iterator[Mistake]:
             yield path, f"found an unknown variable, expected {_nearest_variable(known, name)}"
             continue
         cable, need = known[name]
+        clip = _slides(table(tree, "cables", cable), name)
+        if clip is not None:
+            yield path, f"found the place of clip {shown(clip)}, through which the cable slides: it is found"
         if need is not None:
             yield from _given(path, tree, cable, need)
         if isinstance(bounds, str):
@@ -62,6 +65,15 @@ def mistakes_of_variables(tree: Tree) -> Iterator[Mistake]:
         elif bounds is not INVALID:
             yield from _bounds(path, bounds, is_length=need is None)
     yield from _preferences(tree, {name for name, bounds in given.items() if not isinstance(bounds, str)})
+
+
+def _slides(cable: Tree, variable: str) -> str | None:
+    """Return the clip whose place a variable is, where the cable slides through it; else None."""
+    for name in clip_tables(cable):
+        sliding = value(table(clip_tables(cable), name), "kind") in ("sleeve", "ring")
+        if sliding and variable.endswith(f".{name}.at"):
+            return name
+    return None
 
 
 def _coupling(path: KeyPath, text: str, given: Tree) -> Iterator[Mistake]:

@@ -318,7 +318,8 @@ def _given_rates(end: End, about: int, angles: dict[int, float]) -> Array:
     if end.roll_deg is not None and about < 2:
         after[2] = after.get(2, 0.0) + end.roll_deg
     axis = rotations.rotate(rotations.conjugate(_turn(after)), np.eye(3)[about])
-    if end.roll == "free" and about < 2:  # it turns about its tangent whatever turns it there
+    turns = end.roll == "free" or (end.tangent is not None and end.roll is None and end.roll_deg is None)
+    if turns and about < 2:  # it turns about its tangent whatever turns it there
         axis = _in_projection(end, angles, _tilt_axis(about, angles))
     found: Array = np.deg2rad(1.0) * np.asarray(axis)
     return found

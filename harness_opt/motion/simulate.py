@@ -130,7 +130,7 @@ def _by_quadrature(
             break
         if found.shapes is not None:
             apart = carried(apart, spans, name, float(motion[0]), found.shapes.quaternion[0, -1])
-    return SweptSpans(problem, apart, {}, cables)
+    return SweptSpans(problem, apart, {}, {}, cables)
 
 
 def collect(swept: SweptSpans, motion: Array, seconds: float) -> Motion:

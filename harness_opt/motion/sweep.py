@@ -125,7 +125,7 @@ def sweep(  # noqa: PLR0913
     """
     quick_look = rigour == "quick look"
     if harness is not None:
-        guesses = on_one_mesh(stretches(harness.solves.get(name, ())), solver)
+        guesses = on_one_mesh(stretches(harness.solves(name)), solver)
         motion, recovers = motion[: len(guesses)], False
         if not len(motion):
             return _none(problem, name, harness.status, harness.message)
@@ -156,15 +156,16 @@ def sweep(  # noqa: PLR0913
         answer = _stability(frames)
     else:
         answer = Stability(np.full(len(frames), np.nan), np.zeros(len(frames), dtype=int))
-    snaps = tuple(follower.snaps)
+    snaps, fitted = tuple(follower.snaps), cases.fitted
     if harness is not None:
+        fitted = harness.fit(harness.freedoms.problem.cables[name], name)
         snaps += tuple((frame, at, False) for frame, at in harness.snaps)
         if status.ok:
             status, message = harness.status, harness.message
     lengths = follower.lengths[: len(frames)]
     origins = start_positions(follower.ends, np.concatenate([rods.r[:, -1] for rods in blocks(frames)]), lengths)
     return Sweep(
-        frames, origins, units, cable.diameter, lengths, answer, errors, snaps, status, message, cases.fitted,
+        frames, origins, units, cable.diameter, lengths, answer, errors, snaps, status, message, fitted,
         follower.begins_through_itself,
     )  # fmt: skip
 
@@ -185,18 +186,22 @@ class SweptSpans:
         whole: the problem of whole cables, with everything free where it was found.
         problem: of spans, with the rolls that clips were fitted in, and everything free where it was found.
         sweeps: by span, with the solver's own objects.
+        harnesses: by span, those that are part of one.
         followed: the plain results, by span.
     """
 
     whole: Problem
     problem: Problem
     sweeps: Mapping[str, Sweep]
+    harnesses: Mapping[str, FoundHarness]
     followed: Mapping[str, Followed]
 
 
-def swept_spans(whole: Problem, problem: Problem, sweeps: Mapping[str, Sweep]) -> SweptSpans:
+def swept_spans(
+    whole: Problem, problem: Problem, sweeps: Mapping[str, Sweep], harnesses: Mapping[str, FoundHarness] | None = None
+) -> SweptSpans:
     """Return the spans of ``whole`` cables, in ``problem``, with the plain results of their ``sweeps``."""
-    return SweptSpans(whole, problem, sweeps, {name: followed(one) for name, one in sweeps.items()})
+    return SweptSpans(whole, problem, sweeps, harnesses or {}, {name: followed(one) for name, one in sweeps.items()})
 
 
 def in_turn(
@@ -207,6 +212,7 @@ def in_turn(
     progress: Progress | None = None,
     *,
     between: bool = True,
+    near: Mapping[str, FoundHarness] | None = None,
 ) -> SweptSpans:
     """Follow the spans of all cables one after the other: what rolls clips are fitted in, the spans behind them hold.
 
@@ -219,6 +225,7 @@ def in_turn(
         solver: name of the one that harnesses are found by.
         progress: as of :func:`sweep`.
         between: whether harnesses are to be known between the frames as exactly as in them.
+        near: like harnesses to start from, by span.
     """
     problem = problem.changed(found={})
     spans, apart = spans_of(problem), in_spans(problem)
@@ -226,7 +233,8 @@ def in_turn(
     groups = {span: freedoms for freedoms in harnesses(apart, problem) for span in freedoms.spans}
     for name in spans:
         if name in groups and name not in coupled:
-            harness = find(groups[name].of(apart), motion, solver, progress, between=between)
+            like, freedoms = (near or {}).get(name), groups[name].of(apart)
+            harness = find(freedoms, motion, solver, progress, between=between, near=like)
             coupled |= dict.fromkeys(groups[name].spans, harness)
             apart = harness.problem
         swept[name] = follow(apart, name, coupled.get(name))
@@ -234,7 +242,7 @@ def in_turn(
             break
         if len(swept[name].frames):
             apart = carried(apart, spans, name, float(motion[0]), swept[name].frames[0].rod.q[-1])
-    return swept_spans(problem.changed(found=apart.found), apart, swept)
+    return swept_spans(problem.changed(found=apart.found), apart, swept, coupled)
 
 
 def _stability(frames: Sequence[Solved]) -> Stability:

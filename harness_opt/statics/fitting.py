@@ -30,11 +30,13 @@ class Fitted:
         run: as described.
         solved: its shape; where an end turned freely, the frame there is what it is clamped in.
         light: the mesh that it was found on; the roll takes a finer one, which a motion does not need.
+        length: of the cable there, m, where it slides through a clip; None is as described.
     """
 
     run: CableRun
     solved: Solved
     light: Array
+    length: float | None = None
 
     @property
     def frames(self) -> tuple[Array, Array]:

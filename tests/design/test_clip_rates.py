@@ -58,21 +58,21 @@ SCALE = np.array([5.0 if "rotate" in name else 0.01 for name in NAMES])  # chang
 
 
 def swept_at(section: str, values: np.ndarray, near: dict | None):
-    """Return the spans of the design ``values`` as they are followed, and their problem."""
+    """Return the spans of the design ``values`` as they are followed."""
     swept = in_turn(
         design_variables.apply(problem(section), values),
         FRAMES,
         lambda apart, name, _: sweep(apart, name, FRAMES, elements=ELEMENTS, guesses=near and near[name].frames),
         "gauss-newton",
     )
-    apart, sweeps = swept.problem, swept.sweeps
-    assert all(swept.status.ok and len(swept.rod.mesh) == ELEMENTS + 1 for swept in sweeps.values())
-    return apart, sweeps
+    assert all(one.status.ok and len(one.rod.mesh) == ELEMENTS + 1 for one in swept.sweeps.values())
+    return swept
 
 
 def quantities(section: str, values: np.ndarray, near: dict) -> dict[str, np.ndarray]:
     """Return what is compared: shapes at fixed shares of each span, and the margins of what clips apply."""
-    apart, sweeps = swept_at(section, values, near)
+    swept = swept_at(section, values, near)
+    apart, sweeps = swept.problem, swept.sweeps
     shapes = {name: cable_motion(swept, SHARES) for name, swept in sweeps.items()}
     found = {f"{of} of {name}": getattr(shapes[name], of) for name in shapes for of in QUANTITIES}
     return found | {str(which): margin for which, (margin, _) in clip_rows(apart, shapes, {}, len(values)).items()}
@@ -90,9 +90,10 @@ def clip_rows(apart: ho.Problem, shapes: dict, rates: dict, count: int) -> dict:
 @functools.cache
 def rates_and_differences(section: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return rates and differences by every variable, (..., k), of all :func:`quantities`."""
-    apart, sweeps = swept_at(section, START, None)
+    swept = swept_at(section, START, None)
+    apart, sweeps = swept.problem, swept.sweeps
     shapes = {name: cable_motion(swept, SHARES) for name, swept in sweeps.items()}
-    clamps = clamps_of_spans(problem(section), START, FRAMES, sweeps)
+    clamps = clamps_of_spans(problem(section), START, FRAMES, swept)
     rates = {name: shape_rates(swept, clamps[name], SHARES) for name, swept in sweeps.items()}
     found = {f"{of} of {name}": getattr(rates[name], of) for name in rates for of in QUANTITIES}
     found |= {str(which): rate for which, (_, rate) in clip_rows(apart, shapes, rates, len(NAMES)).items()}
