@@ -13,11 +13,12 @@ from harness_opt.model.ends import ENDS
 from harness_opt.model.limits import CABLE_KINDS, CLAMP_LOADS, CLIP_LOADS, FORCES, LimitId, LimitKind, Obstacle
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import Holds, LimitResult, Motion, Quantities, at_clip, split
-from harness_opt.model.spans import Span, in_spans, joints, own_ends, slack, spans_of
+from harness_opt.model.spans import Span, clip_key, in_spans, joints, own_ends, slack, spans_of
 from harness_opt.numerics.rotations import Array
 
 LOOKED_AT = "only the stations of the solved frames were looked at"
 TENSION = "is just as long as its clamps are apart, so any tension keeps it straight"
+FOUND = 1e-7  # lengths of a cable, by which its places in clips may be off between the frames
 STRAIGHT = 1e-9  # 1/m; below this curvature the bend radius is given as that of a straight cable
 
 
@@ -39,13 +40,14 @@ def cable_limits(problem: Problem, motion: Motion) -> tuple[LimitResult, ...]:
     The rows are not certified: between the stations a value may be worse by ``tolerance``, estimated from second
     differences, and between the frames nothing is known.
     """
-    apart, rows = split(replace(motion, problem=problem)), []
+    held = problem.changed(found=motion.problem.found)  # other limits, the same places
+    apart, rows = split(replace(motion, problem=held)), []
     for which, limit, ends in asked(apart):
         shapes: Quantities = apart.cables[which.cable]
         if which.clip is not None:
             shapes = at_clip(shapes, apart.cables[next(b for _, a, b in joints(apart.problem) if a == which.cable)])
         rows.append(_row(which, limit, shapes, motion.motion, ends))
-    return rows_of_whole_cables(spans_of(problem), rows)
+    return rows_of_whole_cables(spans_of(held), rows)
 
 
 def asked(motion: Motion) -> Iterator[tuple[LimitId, float, list[int]]]:
@@ -104,7 +106,39 @@ def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) ->
     """Return the rows of every limit of ``problem``, certain between the frames where ``clearances`` are."""
     others = clearances.cable_limits
     rows = through_themselves(problem, motion, clearances.limits)
-    return (*rows, *_known_tensions(motion, cable_limits(problem, motion) if others is None else others))
+    others = cable_limits(problem, motion) if others is None else others
+    return (*rows, *_known_tensions(motion, others), *_travels(problem, motion))
+
+
+def _travels(problem: Problem, motion: Motion) -> Iterator[LimitResult]:
+    """Yield how far cables slide to and fro through their clips, certain but where one jumps.
+
+    Where a cable stands in a clip is known between the frames as well as in them, as a spline.
+    """
+    limit, between = problem.limits.travel, 8  # places looked at from one known place to the next
+    if limit is None or not len(motion.motion):
+        return
+    for cable, clip in [(name, clip) for name, run in problem.cables.items() for clip in run.clips if clip.slides]:
+        found = motion.problem.found[clip_key(cable, clip.name)]
+        knots = found.motion
+        steps = np.linspace(knots[:-1], knots[1:], between, axis=1).ravel() if len(knots) > 1 else knots
+        at = np.union1d(steps, knots)
+        places = found.arc_lengths(at)
+        worst, frame = float(np.ptp(places)), int(np.argmax(places))
+        # a cubic strays from its samples by an eighth of their second difference
+        bend = float(np.max(np.abs(np.diff(places, 2)), initial=0.0)) / 8.0
+        yield LimitResult(
+            id=LimitId(LimitKind.TRAVEL, cable, clip=clip.name),
+            limit=limit,
+            worst=worst,
+            margin=limit - worst,
+            frame=int(np.argmin(np.abs(motion.motion - at[frame]))),
+            motion=float(at[frame]),
+            arc_length=float(places[frame]),
+            certified=not found.jumps,
+            tolerance=2.0 * bend + FOUND * problem.cables[cable].cable.length,
+            reason=f"{cable} jumps in clip {clip.name}" if found.jumps else "",
+        )
 
 
 def _known_tensions(motion: Motion, rows: Iterable[LimitResult]) -> Iterator[LimitResult]:

@@ -185,8 +185,8 @@ def simulate(
 @click.option(
     "--pareto", metavar="FIRST,SECOND",
     help="The trade-off curve of two quantities as well, such as length,clearance: a table, a plot, and a problem file "
-    "for each point. Of length, change, clearance, bend_radius, twist, clamp_force, clamp_moment, clip_force and "
-    "clip_moment.",
+    "for each point. Of length, change, clearance, bend_radius, twist, clamp_force, clamp_moment, clip_force, "
+    "clip_moment and travel.",
 )  # fmt: skip
 def redesign(
     file: Path,

@@ -74,11 +74,12 @@ def limit_keys(problem: Problem) -> tuple[LimitKey, ...]:
         held = [cable for cable in problem.cables if kind is not bend or cable not in own_bends]
         if limit is not None and held:
             found.append(LimitKey(kind, None, limit, frozenset(LimitId(kind, cable) for cable in held)))
-    clips = [(cable, clip.name) for cable, run in problem.cables.items() for clip in run.clips]
-    for kind in CLIP_LOADS:
+    clips = [(cable, clip) for cable, run in problem.cables.items() for clip in run.clips]
+    for kind in (*CLIP_LOADS, LimitKind.TRAVEL):
         limit = getattr(limits, kind.value)
-        if limit is not None and clips:
-            own = frozenset(LimitId(kind, cable, clip=clip) for cable, clip in clips)
+        at = [(cable, clip.name) for cable, clip in clips if clip.slides or kind is not LimitKind.TRAVEL]
+        if limit is not None and at:
+            own = frozenset(LimitId(kind, cable, clip=name) for cable, name in at)
             found.append(LimitKey(kind, None, limit, own))
     clearance = LimitKind.CLEARANCE
     shared = {LimitId(clearance, a, Obstacle(b, is_cable=True)) for a in problem.cables for b in problem.cables}

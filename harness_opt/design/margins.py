@@ -117,8 +117,14 @@ def linearised(
     ]
     for name in motion.cables:
         rows += _cable_rows(problem, name, motion, rates.get(name), asked, variables)
+    places = dict[str, Array]()  # rates of the arc lengths at clips, by the span behind each
     for joint in joints(problem):
         rows += _clip_rows(problem, joint, motion, rates, asked, variables)
+        if rates:
+            _, before, behind = joint
+            longer = np.broadcast_to(rates[before].length, (len(motion.motion), variables))
+            places[behind] = places.get(before, 0.0) + longer
+        rows += _travel_rows(problem, joint, motion, places, asked, variables)
     rows += [
         _through_itself(problem, name, frame, asked, variables)
         for name, (frame, _) in motion.through_themselves.items()
@@ -281,6 +287,27 @@ def _clip_rows(
     return rows
 
 
+def _travel_rows(
+    problem: Problem,
+    joint: tuple[str, str, str],
+    motion: Motion,
+    places: Mapping[str, Array],
+    asked: Mapping[LimitId, float],
+    variables: int,
+) -> list[Rows]:
+    """Linearise how far the cable slides through a clip; ``places`` has rates (P, k) there by the span behind it."""
+    clip, before, behind = joint
+    found, limit = problem.cables[before].end.found, problem.limits.travel
+    if limit is None or found is None or found.places is None:
+        return []
+    at = found.arc_lengths(motion.motion)
+    most, least = int(np.argmax(at)), int(np.argmin(at))
+    slope = (places[behind][least] - places[behind][most])[None] / limit if places else np.zeros((1, variables))
+    which = LimitId(LimitKind.TRAVEL, before, clip=clip)
+    margin = np.array([1.0 - (at[most] - at[least]) / limit - asked[which]])
+    return [Rows(margin, slope, (which,), np.array([most]), np.full(1, limit))]
+
+
 def worst_places(size: Array) -> NDArray[np.bool_]:
     """Return where (P, N) each frame's largest ``size`` (P, N) stands, and its other local maxima near to that."""
     padded = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
@@ -305,11 +332,9 @@ def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Ar
     return found
 
 
-# --- second order -----------------------------------------------------------------------------------------
-#
-# A point of the cable that moves by u relative to the part has the distance d + n.u + u.H.u / 2, with H the Hessian of
-# the distance: zero over a flat face, round an edge or a corner of size 1 / d. And the nearest point slides along the
-# cable, by s, to where n.k s^2 / 2 + n.u' s + (T s + u).H.(T s + u) / 2 is least (T tangent, k curvature of the cable);
+# Of second order: a point of the cable that moves by u has the distance d + n.u + u.H.u / 2, with H the Hessian of the
+# distance: zero over a flat face, round an edge or a corner of size 1 / d. And the nearest point slides along the cable,
+# by s, to where n.k s^2 / 2 + n.u' s + (T s + u).H.(T s + u) / 2 is least (T tangent, k curvature of the cable);
 # at the end of a stretch that counts it stays. The movement u itself is taken as linear in what moves it.
 
 

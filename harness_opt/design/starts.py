@@ -79,7 +79,7 @@ def beginning(evaluate: Evaluator, objective: Objective, values: Array) -> Begin
     drawn = simulate(problem, solver=evaluate.solver, progress=evaluate.progress, throw=False)
     if not len(drawn.motion):
         return Beginning(first, drawn, None)
-    found = measure(problem, evaluate.scene, drawn.motion, drawn.cables)
+    found = measure(drawn.problem, evaluate.scene, drawn.motion, drawn.cables)
     return Beginning(first, drawn, all_limits(problem, drawn, found))
 
 

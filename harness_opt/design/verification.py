@@ -86,7 +86,7 @@ def verify(evaluate: Evaluator, design: Evaluated, unrounded: Evaluated | None =
     problem = design_variables.rebased(evaluate.problem, design.values)
     fine = np.interp(np.linspace(0, 1, 2 * len(frames) - 1), np.linspace(0, 1, len(frames)), frames)
     motion = _fine_motion(problem, fine, design, evaluate.solver)
-    apart = split(motion)
+    problem, apart = motion.problem, split(motion)
     between = Between(BetweenFrames(apart), apart.snaps)
     clearances = measure(problem, evaluate.scene, motion.motion, motion.cables, between=between)
     rows = all_limits(problem, motion, clearances)

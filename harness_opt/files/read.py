@@ -368,6 +368,7 @@ def _limits(limits: file_schema.LimitsTable, bend_radius: float | None) -> Limit
         clamp_moment=limits.clamp_moment,
         clip_force=limits.clip_force,
         clip_moment=limits.clip_moment,
+        travel=limits.travel,
     )
 
 

@@ -33,6 +33,7 @@ class Limits:
         clamp_moment: N m.
         clip_force: of every clip between them, N.
         clip_moment: N m.
+        travel: how far the cable slides to and fro through each sleeve and ring, m.
     """
 
     clearance: float | None = None
@@ -42,6 +43,7 @@ class Limits:
     clamp_moment: float | None = None
     clip_force: float | None = None
     clip_moment: float | None = None
+    travel: float | None = None
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ class LimitKind(enum.Enum):
     CLAMP_MOMENT = "clamp_moment"
     CLIP_FORCE = "clip_force"
     CLIP_MOMENT = "clip_moment"
+    TRAVEL = "travel"
 
     @property
     def key(self) -> str:
@@ -90,6 +91,7 @@ UNITS = {
     LimitKind.CLAMP_MOMENT: Unit("N m", 1.0, 3, 0.01),
     LimitKind.CLIP_FORCE: Unit("N", 1.0, 2, 0.1),
     LimitKind.CLIP_MOMENT: Unit("N m", 1.0, 3, 0.01),
+    LimitKind.TRAVEL: MILLIMETRES,
 }
 KIND_OF_KEY = {kind.key: kind for kind in LimitKind}
 CLAMP_LOADS = (LimitKind.CLAMP_FORCE, LimitKind.CLAMP_MOMENT)  # at the two ends of a cable

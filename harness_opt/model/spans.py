@@ -177,7 +177,7 @@ def shortest(problem: Problem, cable: str) -> tuple[float, float]:
 def slack(problem: Problem, span: Span, motion: Array) -> Array | None:
     """Return by how much a span of ``problem``, which is in spans, is longer than its clamps are apart, (P,), m."""
     way = clamp_way(problem, span.name, motion)
-    return None if way is None else np.asarray(span.last - span.first - np.linalg.norm(way, axis=1))
+    return None if way is None else np.asarray(problem.lengths(span.name, motion) - np.linalg.norm(way, axis=1))
 
 
 def too_short(problem: Problem, cables: Iterable[str]) -> dict[str, str]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from harness_opt.clearance.limits import STRAIGHT, bending
 from harness_opt.clearance.pairs import ClearanceResult
-from harness_opt.model.cable import CableRun
 from harness_opt.model.limits import LimitKind, Obstacle
 from harness_opt.model.problem import Problem
-from harness_opt.model.results import CableMotion, Motion
+from harness_opt.model.results import Motion
+from harness_opt.model.spans import clip_key
 from harness_opt.numerics.rotations import Array
 from harness_opt.numerics.vectors import Indices
 
@@ -99,7 +99,6 @@ def charts(
         name: of the cable.
         given: the same of the design before, where there was another.
     """
-    shapes = motion.cables[name]
     old = given[0].cables.get(name) if given else None
     at = given[0].motion if given else np.zeros(0)
     near, left_out = _nearest(measured, name)
@@ -108,8 +107,8 @@ def charts(
         shown = (at, {series: earlier[series] for series in near if series in earlier}) if earlier else None
         least = sorted({MM * pair.limit for pair in measured.pairs if pair.cable == name and pair.limit is not None})
         yield Chart("Clearance", "mm", motion.motion, near, least, False, shown, True, left_out)
-    run = motion.problem.cables[name]
-    now, then = _quantities(shapes, run), _quantities(old, run) if old else {}
+    now = _quantities(motion, name)
+    then = _quantities(given[0], name) if given and old else {}
     for title, (unit, limit, most) in _kinds(motion.problem, name).items():
         if not now[title]:  # of clips, where there are none
             continue
@@ -148,6 +147,7 @@ TITLES = {
     LimitKind.TWIST: "Largest twist",
     LimitKind.CLAMP_FORCE: "Clamp force",
     LimitKind.CLAMP_MOMENT: "Clamp moment",
+    LimitKind.TRAVEL: "Travel through a clip",
     LimitKind.CLIP_FORCE: "Clip force",
     LimitKind.CLIP_MOMENT: "Clip moment",
 }
@@ -163,8 +163,9 @@ def _kinds(problem: Problem, cable: str) -> dict[str, tuple[str, float | None, b
     return found | {"Stability margin": ("", 0.0, False)}
 
 
-def _quantities(shapes: CableMotion, run: CableRun) -> dict[str, dict[str, Array]]:
+def _quantities(motion: Motion, cable: str) -> dict[str, dict[str, Array]]:
     """Return the curves (P,) of a cable by title and name, in the units of :func:`_kinds`."""
+    shapes, run = motion.cables[cable], motion.problem.cables[cable]
 
     def ends(load: Array) -> dict[str, Array]:
         return {end: np.linalg.norm(load[:, at], axis=-1) for end, at in (("start", 0), ("end", -1))}
@@ -180,10 +181,17 @@ def _quantities(shapes: CableMotion, run: CableRun) -> dict[str, dict[str, Array
         "Largest twist": {"": np.degrees(np.max(np.abs(shapes.curvature[..., 2]), axis=1))},
         "Clamp force": ends(shapes.force),
         "Clamp moment": ends(shapes.moment),
+        "Travel through a clip": {clip: MM * (at - at.min()) for clip, at in slides(motion, cable).items()},
         "Clip force": clips(shapes.force),
         "Clip moment": clips(shapes.moment),
         "Stability margin": {"": shapes.stability_margin},
     }
+
+
+def slides(motion: Motion, cable: str) -> dict[str, Array]:
+    """Return the arc lengths (P,), m, at which ``cable`` stands in the clips that it slides through, by their names."""
+    found, clips = motion.problem.found, [clip.name for clip in motion.problem.cables[cable].clips if clip.slides]
+    return {name: found[clip_key(cable, name)].arc_lengths(motion.motion) for name in clips}
 
 
 # --- where it goes -------------------------------------------------------------------------------------

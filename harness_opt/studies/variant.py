@@ -126,7 +126,7 @@ def _run(shared: Shared, number: int, key: str, values: Mapping[str, Any]) -> Va
         after = {name: variable.after for name, variable in result.variables.items()}
     else:
         result = motion = simulate(problem, throw=False)
-        rows, after = all_limits(problem, motion, clearances(motion, local.scene(problem))), {}
+        rows, after = all_limits(motion.problem, motion, clearances(motion, local.scene(problem))), {}
     known = [row for row in rows if math.isfinite(row.worst)]  # a cable that never comes near itself has no margin
     shares = {row.id: row.margin / row.scale(problem.cables[row.cable].cable.radius) for row in known}
     worst = min(shares, key=shares.__getitem__, default=None)
