@@ -60,7 +60,7 @@ clamp_force = 20                         # N
 clamp_moment = 1.0                       # N m
 
 [design]                                 # what harness-opt redesign may change, and within which bounds
-minimise = "change"                      # or "length"
+minimise = "change"                      # or "length", "clips"
 
 [design.variables]
 "lead.length" = [0.30, 0.50]             # m

@@ -333,7 +333,7 @@ def at_stations(rates: Array, s: Array, frame: Indices, arc_length: Array) -> Ar
 
 
 # Of second order: a point of the cable that moves by u has the distance d + n.u + u.H.u / 2, with H the Hessian of the
-# distance: zero over a flat face, round an edge or a corner of size 1 / d. And the nearest point slides along the cable,
+# distance: zero over a flat face, round an edge or a corner of size 1 / d. The nearest point slides along the cable,
 # by s, to where n.k s^2 / 2 + n.u' s + (T s + u).H.(T s + u) / 2 is least (T tangent, k curvature of the cable);
 # at the end of a stretch that counts it stays. The movement u itself is taken as linear in what moves it.
 

@@ -9,8 +9,10 @@ the next round, until a design holds with what its own tolerances take.
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -80,6 +82,11 @@ def redesign(
         SolveError: no design that was looked at within the bounds can be simulated.
     """
     robust = given_problem(problem).robust
+    if problem.design.minimise == "clips" and problem.design.maximise is None:
+        if pareto is not None:
+            raise ProblemError('design.minimise: found "clips", expected "change" or "length" for a trade-off curve')
+        options = {"solver": solver, "progress": progress, "watch": watch, "executor": executor}
+        return _fewest_clips(problem, lambda one: redesign(one, throw=False, **options), throw=throw)  # type: ignore[arg-type]
     if robust is None:
         return _nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, executor=executor,
@@ -107,6 +114,56 @@ def redesign(
     holds, share = best.holds(robust), robust.share if robust.hold == "quantile" else 1.0
     told = Robustness(robust.hold, share, holds, len(rounds), before, best.after)
     return dataclasses.replace(best.found, feasible=holds, robust=told)
+
+
+def _fewest_clips(problem: Problem, solved: Callable[[Problem], Redesign], *, throw: bool) -> Redesign:
+    """Return the redesign with the fewest optional clips that holds all limits, of those the one of least change.
+
+    Every choice of clips is redesigned in turn, none of them first; that with all of them where none holds.
+    """
+    optional = [(name, clip.name) for name, run in problem.cables.items() for clip in run.clips if clip.optional]
+    last: Redesign | None = None
+    for count in range(len(optional) + 1):
+        held = []
+        for kept in itertools.combinations(optional, count):
+            without = [one for one in optional if one not in kept]
+            found = solved(_without(problem, without))
+            last = dataclasses.replace(found, without=tuple(f"{cable}.{clip}" for cable, clip in without))
+            if last.feasible or last.status is Status.INTERRUPTED:
+                held.append(last)
+            if last.status is Status.INTERRUPTED:
+                break
+        if held:
+            return min(held, key=_change)
+    assert last is not None
+    if throw and not last.status.ok:
+        raise SolveError(last.message, last.status, last)
+    return last
+
+
+def _without(problem: Problem, clips: Sequence[tuple[str, str]]) -> Problem:
+    """Return ``problem`` without some clips, their variables, and what follows these."""
+    runs = {
+        name: dataclasses.replace(run, clips=tuple(clip for clip in run.clips if (name, clip.name) not in clips))
+        for name, run in problem.cables.items()
+    }
+    gone = tuple(f"{cable}.{clip}." for cable, clip in clips)
+    design = dataclasses.replace(
+        problem.design,
+        variables=tuple(v for v in problem.design.variables if not v.name.startswith(gone)),
+        couplings=tuple(c for c in problem.design.couplings if not c.name.startswith(gone)),
+        weights={name: weight for name, weight in problem.design.weights.items() if not name.startswith(gone)},
+        minimise="change",
+    )
+    led = {c.leader for c in design.couplings} - {v.name for v in design.variables}
+    design = dataclasses.replace(design, couplings=tuple(c for c in design.couplings if c.leader not in led))
+    return dataclasses.replace(problem, cables=runs, design=design)
+
+
+def _change(found: Redesign) -> float:
+    """Return how much a redesign changes, in the ranges of its variables."""
+    shares = [(v.after - v.before) / (v.upper - v.lower) for v in found.variables.values()]
+    return math.hypot(*shares)
 
 
 @dataclass(frozen=True)

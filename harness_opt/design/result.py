@@ -66,6 +66,7 @@ class Redesign:
         message: for the user; empty where all is well.
         timing: seconds by phase.
         trade_off: of the two quantities that were asked for; None where none were.
+        without: optional clips that it does without, "CABLE.CLIP".
         robust: how it fares within the tolerances of the problem; None where that states none.
     """
 
@@ -93,6 +94,7 @@ class Redesign:
     timing: Mapping[str, float] = field(default_factory=dict)
     trade_off: TradeOff | None = None
     robust: Robustness | None = None
+    without: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return one line."""

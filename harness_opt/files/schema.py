@@ -5,7 +5,7 @@ What needs two keys is checked in :mod:`~harness_opt.files.checks`.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, ConfigDict, Field
 
@@ -41,6 +41,7 @@ from harness_opt.files.values import (
     schema_of,
 )
 from harness_opt.model.checks import one_of
+from harness_opt.model.design import Minimise
 from harness_opt.model.ends import CLIP_KINDS, ClipKind
 
 
@@ -102,6 +103,7 @@ class ClipTable(EndTable):
         description="fixed: holds place and section; swivel: turns about its tangent; pivot: holds its place alone; "
         "sleeve: slides, tangent held; ring: slides, tangent free.",
     )
+    optional: Flag = Field(default=False, description='Whether minimise = "clips" may do without it.')
 
 
 class CableTable(Table):
@@ -247,8 +249,10 @@ class PathTable(Table):
 class DesignTable(Table):
     """What a redesign may change and what it prefers."""
 
-    minimise: Annotated[Literal["change", "length"], Expected(one_of(("change", "length")))] = Field(
-        default="change", description="Least change from this design, or least length of all cables together."
+    minimise: Annotated[Minimise, Expected(one_of(get_args(Minimise)))] = Field(
+        default="change",
+        description="Least change from this design, least length of all cables together, or the fewest of the clips "
+        "that are optional.",
     )
     maximise: Annotated[Literal["margin"], Expected(one_of(("margin",)))] | None = Field(
         default=None, description="In place of minimise: the largest worst margin, each as a share of its limit."

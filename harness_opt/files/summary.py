@@ -91,6 +91,18 @@ class SheetEntry(TypedDict):
     reach: Annotated[list[float], _said("Sides of the box along x, y, z that holds the cable at all moments, m")]
 
 
+class ClipEntry(TypedDict):
+    """What a clip does over the motion."""
+
+    cable: str
+    clip: str
+    kind: Annotated[str, _said("``fixed``, ``swivel``, ``pivot``, ``sleeve`` or ``ring``")]
+    body: str
+    arc_length: Annotated[list[float], _said("At which the cable stands in it, m: in the first frame, least and most")]
+    force: Annotated[Number, _said("Largest on the cable, N")]
+    moment: Annotated[Number, _said("Largest on the cable, N m")]
+
+
 class SnapEntry(TypedDict):
     """A jump of a cable to another shape."""
 
@@ -237,6 +249,7 @@ class RedesignEntry(TypedDict):
     in_the_way_together: NotRequired[list[tuple[RelaxationEntry, RelaxationEntry]]]
     costs: NotRequired[list[PriceEntry]]
     history: NotRequired[list[StepEntry]]
+    without: NotRequired[Annotated[list[str], _said("Optional clips that it does without, ``CABLE.CLIP``")]]
     robust: NotRequired[RobustEntry]
     pareto: NotRequired[TradeOffEntry]
 
@@ -277,6 +290,7 @@ class Summary(TypedDict):
     open_meshes: list[str]
     frames_solved_between: Annotated[dict[str, int], _said("For the certificates, by cable")]
     data_sheet: dict[str, SheetEntry]
+    clips: NotRequired[list[ClipEntry]]
     snaps: list[SnapEntry]
     stable: Annotated[bool, _said("Whether every shape shown is a stable equilibrium")]
     equilibrium: EquilibriumEntry

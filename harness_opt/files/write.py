@@ -155,8 +155,10 @@ def _cable(run: CableRun) -> Table:
     if run.clips:
         clips = tomlkit.aot()
         for clip in run.clips:
-            own: Rows = [("name", clip.name, ""), ("at", clip.at, "m"), ("kind", clip.kind, "")]
-            clips.append(_fill(tomlkit.table(), [*own[: 3 if clip.kind != "fixed" else 2], *_end_rows(clip)]))
+            kind = clip.kind if clip.kind != "fixed" else None
+            own: Rows = [("name", clip.name, ""), ("at", clip.at, "m"), ("kind", kind, "")]
+            own.append(("optional", clip.optional or None, ""))
+            clips.append(_fill(tomlkit.table(), [*own, *_end_rows(clip)]))
         found.add("clips", clips)
     return found
 
@@ -353,7 +355,7 @@ def _design(document: Any, problem: Problem) -> None:
     design = problem.design
     if design == type(design)():
         return
-    goal: Rows = [("minimise", design.minimise, "change | length")]
+    goal: Rows = [("minimise", design.minimise, "change | length | clips")]
     if design.maximise is not None:
         goal = [("maximise", design.maximise, "the largest worst margin")]
     usual = type(design)()

@@ -332,7 +332,7 @@ def _tree(problem: Any) -> dict[str, Any]:
         },
         "parts": {name: {"body": part.body} for name, part in problem.parts.items()},
         "limits": {"bend_radius": problem.limits.bend_radius or None},
-        "design": {"variables": variables, "weights": dict(design.weights)},
+        "design": {"variables": variables, "weights": dict(design.weights), "minimise": design.minimise},
     }
 
 

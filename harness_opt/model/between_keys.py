@@ -102,6 +102,14 @@ def _preferences(tree: Tree, free: set[str]) -> Iterator[Mistake]:
         if name not in free:
             found = "found a weight of no variable with bounds"
             yield ("design", "weights", name), f"{found}, expected {one_of(sorted(free), name) or 'variables first'}"
+    optional = any(
+        value(table(clips, name), "optional")
+        for cable in table(tree, "cables")
+        for clips in (clip_tables(table(tree, "cables", cable)),)
+        for name in clips
+    )
+    if value(design, "minimise") == "clips" and not optional:
+        yield ("design", "minimise"), 'found "clips", expected a clip with optional = true to do without'
     if "maximise" in design and "minimise" in design:
         yield ("design", "maximise"), "found minimise as well, expected one of the two"
 

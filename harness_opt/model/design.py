@@ -14,7 +14,7 @@ from harness_opt.errors import ProblemError
 from harness_opt.model import checks
 from harness_opt.numerics.rotations import Array
 
-Minimise = Literal["change", "length"]
+Minimise = Literal["change", "length", "clips"]
 Distribution = Literal["uniform", "normal", "triangular"]
 DISTRIBUTIONS = ("uniform", "normal", "triangular")
 
@@ -83,7 +83,8 @@ class Design:
     """What a redesign may change and what it prefers.
 
     Args:
-        minimise: "change" (least change from the given design) or "length" (of all cables together).
+        minimise: "change" (least change from the given design), "length" (of all cables together), or "clips" (the
+            fewest of those that are optional, then the least change).
         variables: the design variables.
         couplings: quantities that follow them.
         weights: of the change of a variable, by name, 1 where left out; 0 changes it for nothing.

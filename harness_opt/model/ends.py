@@ -197,6 +197,7 @@ class Clip(End):
         kind: "fixed" clamps it like an end; in a "swivel" it turns freely about its tangent; a "pivot" holds its
             place alone; it slides through a "sleeve", which holds its tangent, and through a "ring", which does not. A
             sleeve that is given a quaternion or a roll guides a flat cable; in others it turns freely.
+        optional: whether a redesign that asks for the fewest clips may do without it.
 
     Everything else is as of an :class:`End`. A fixed clip that leaves its roll open is fitted untwisted, outward from
     the start: the stretch that ends at it carries no twisting moment at ``fitted_at``. How the cable stands in a clip
@@ -210,6 +211,7 @@ class Clip(End):
     name: str
     at: float
     kind: ClipKind = "fixed"
+    optional: bool = False
 
     def __post_init__(self) -> None:
         found = checks.Gathered()

@@ -10,17 +10,23 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from harness_opt.clearance.limits import STRAIGHT, bending
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion
-from harness_opt.model.spans import spans_of
+from harness_opt.model.spans import clip_key
 from harness_opt.numerics.rotations import Array
+from harness_opt.report.words import LARGE
 
+Json = dict[str, Any]
+
+HEAD_CLIPS = ("Clip", "Kind", "Held by", "Along the cable", "Largest force", "Largest moment")
+MOST_CYCLES = 4  # listed for each quantity, the largest first
 CLOSED = 1e-6  # m and rad-like: bodies whose poses differ by less at the end are back where they began
 LEAST_RANGE = 1e-3  # of the largest range: smaller cycles wear nothing and are not listed
 STILL = 1e-9  # of the largest value: a smaller range is rounding
@@ -101,15 +107,16 @@ class Mark:
 
 
 def cut_list(problem: Problem) -> list[Mark]:
-    """Return how to cut and mark the cables that have clips, along each."""
+    """Return how to cut and mark the cables that have clips, along each; none is marked where it slides."""
     found = []
-    for span in spans_of(problem).values():
-        run = problem.cables[span.cable]
-        if run.clips and span.clamps[0] == "start":
-            found.append(Mark(span.cable, "start", 0.0, 0.0, run.start.body))
-        if run.clips:
-            body = run.clamps[span.clamps[1]].body
-            found.append(Mark(span.cable, span.clamps[1], span.last, span.last - span.first, body))
+    for name, run in problem.cables.items():
+        if not run.clips:
+            continue
+        at = [("start", 0.0, run.start.body)]
+        at += [(clip.name, clip.at, clip.body) for clip in run.clips if not clip.slides]
+        at.append(("end", run.cable.length, run.end.body))
+        places = [0.0, *(place for _, place, _ in at)]
+        found += [Mark(name, mark, place, place - places[k], body) for k, (mark, place, body) in enumerate(at)]
     return found
 
 
@@ -200,3 +207,100 @@ def _sag(gravity: Array, shapes: CableMotion) -> float | None:
     depth = shapes.position @ (gravity / weight)  # (P, N)
     below = depth.max(axis=1) - np.maximum(depth[:, 0], depth[:, -1])
     return float(np.max(below))
+
+
+# --- tables of a page ---------------------------------------------------------------------------
+
+
+def sheet_rows(motion: Motion, sheets: Mapping[str, DataSheet]) -> Json:
+    """Return the data sheets as a table: a column for each cable, and a note on what a cycle is."""
+    cables = motion.problem.cables
+
+    def ranging(found: Ranging, scale: float, unit: str) -> str:
+        return f"{scale * found.range:.3g} {unit}, at {1e3 * found.arc_length:.0f} mm"
+
+    def cycles(found: Ranging, scale: float, unit: str) -> str:
+        listed = [f"{cycle.count:g} x {scale * cycle.range:.3g}" for cycle in found.cycles[:MOST_CYCLES]]
+        more = ", ..." if len(found.cycles) > MOST_CYCLES else ""
+        return f"{', '.join(listed)}{more} {unit}" if listed else "none"
+
+    turn = math.degrees(1.0)
+    rows = {
+        "Length": [f"{1e3 * cables[n].cable.length:.1f} mm" for n in sheets],
+        "Diameter": [f"{1e3 * cables[n].cable.diameter:.2f} mm" for n in sheets],
+        "Smallest bend radius": [_straight(s.bend_radius, f"{1e3 * s.bend_radius:.1f} mm") for s in sheets.values()],
+        "in diameters": [_straight(s.bend_radius, f"{s.bend_diameters:.1f}") for s in sheets.values()],
+        "Largest twist": [f"{turn * s.twist:.0f} deg/m" for s in sheets.values()],
+        "Bending range in a cycle": [ranging(s.bend, 1.0, "1/m") for s in sheets.values()],
+        "Bending cycles (rainflow)": [cycles(s.bend, 1.0, "1/m") for s in sheets.values()],
+        "Strain range at the surface": [
+            f"{100 * cables[n].cable.radius * s.bend.range:.2g} %" for n, s in sheets.items()
+        ],
+        "Twist range in a cycle": [ranging(s.twisting, turn, "deg/m") for s in sheets.values()],
+        "Twist cycles (rainflow)": [cycles(s.twisting, turn, "deg/m") for s in sheets.values()],
+        "Sag below the lower end": ["-" if s.sag is None else f"{1e3 * s.sag:.1f} mm" for s in sheets.values()],
+        "Room taken, along x, y, z": [
+            " x ".join(f"{1e3 * side:.0f}" for side in s.reach) + " mm" for s in sheets.values()
+        ],
+    }
+    note = (
+        "A cycle is the motion and back the same way, unless the motion ends where it began. Strain: as if the cable "
+        "were solid; the strands of a cable slide, so theirs is less."
+    )
+    return {"names": list(sheets), "rows": list(rows.items()), "note": note}
+
+
+def _straight(radius: float, words: str) -> str:
+    return words if radius < LARGE else "straight"
+
+
+def clip_rows(motion: Motion) -> Json | None:
+    """Return what the clips do as a table; None where cables have none."""
+    rows = []
+    for use in clip_uses(motion):
+        slid = (
+            f"{1e3 * use.least:.1f} to {1e3 * use.most:.1f} mm" if use.most > use.least else f"{1e3 * use.first:.1f} mm"
+        )
+        rows.append(
+            (f"{use.cable}, {use.clip}", use.kind, use.body, slid, f"{use.force:.2f} N", f"{use.moment:.3f} N m")
+        )
+    return {"head": HEAD_CLIPS, "rows": rows} if rows else None
+
+
+# --- clips -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ClipUse:
+    """What a clip does over the motion.
+
+    Args:
+        cable, clip, kind, body: as described.
+        first, least, most: arc lengths at which the cable stands in it, m: in the first frame, and over the motion.
+        force, moment: the largest that it applies to the cable, N and N m.
+    """
+
+    cable: str
+    clip: str
+    kind: str
+    body: str
+    first: float
+    least: float
+    most: float
+    force: float
+    moment: float
+
+
+def clip_uses(motion: Motion) -> Iterator[ClipUse]:
+    """Give what all clips of a solved motion do, along each cable."""
+    for name, shapes in motion.cables.items():
+        for clip, station in zip(motion.problem.cables[name].clips, shapes.clip_stations, strict=True):
+            found = motion.problem.found.get(clip_key(name, clip.name))
+            slides = found is not None and found.places is not None
+            places = found.arc_lengths(motion.motion) if found is not None and slides else np.array([clip.at])
+            force, moment = (
+                float(np.max(np.linalg.norm(load[:, station] - load[:, station + 1], axis=1)))
+                for load in (shapes.force, shapes.moment)
+            )
+            ways = float(places[0]), float(places.min()), float(places.max())
+            yield ClipUse(name, clip.name, clip.kind, clip.body, *ways, force, moment)

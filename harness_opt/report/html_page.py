@@ -31,7 +31,7 @@ from harness_opt.numerics.threads import one_at_a_time
 from harness_opt.parts.scene import Scene, load_scene
 from harness_opt.report import charts, colours, viewpoint
 from harness_opt.report import page_rows as report_words
-from harness_opt.report.data_sheet import data_sheets
+from harness_opt.report.data_sheet import clip_rows, data_sheets, sheet_rows
 from harness_opt.report.page_rows import input_tables
 from harness_opt.report.scene_data import part_data, scene_data, view_data
 from harness_opt.report.summary import summary as summarise
@@ -194,7 +194,8 @@ def html(report: Report, summary: Summary, texts: Mapping[str, str] | None = Non
         cables=list(motion.cables),
         colours=colours.CABLES,
         scene_notes=list(_scene_notes(data)),
-        sheets=report_words.sheet_rows(motion, data_sheets(motion)) if len(motion.motion) else None,
+        sheets=sheet_rows(motion, data_sheets(motion)) if len(motion.motion) else None,
+        clips=clip_rows(motion) if len(motion.motion) else None,
         notes=list(report_words.notes(summary)),
         texts=list((texts or _texts(report)).items()),
         footer=_footer(summary),

@@ -22,7 +22,7 @@ from harness_opt.numerics.rotations import Array
 from harness_opt.report import charts
 from harness_opt.report import redesign_words as redesigned
 from harness_opt.report import words as tables
-from harness_opt.report.data_sheet import DataSheet, Ranging, cut_list
+from harness_opt.report.data_sheet import cut_list
 
 Json = dict[str, Any]
 
@@ -44,7 +44,6 @@ HEAD_CABLES = ("Cable", "Length", "Diameter", "Bending stiffness", "Torsional st
 HEAD_CLAMPS = ("Clamp", "Held by", "Position, mm", "Direction along the cable", "Roll")
 HEAD_CUT = ("Cut and marks", "At", "Along the cable", "From the mark before")
 HEAD_BODIES = ("Body", "Motion", "From", "To")
-MOST_CYCLES = 4  # listed for each quantity, the largest first
 
 
 def verdict(summary: Summary) -> tuple[str, str]:
@@ -223,51 +222,6 @@ def before_after(summary: Summary) -> list[Json]:
     return found
 
 
-# --- the data sheet ------------------------------------------------------------------------------------
-
-
-def sheet_rows(motion: Motion, sheets: Mapping[str, DataSheet]) -> Json:
-    """Return the data sheets as a table: a column for each cable, and a note on what a cycle is."""
-    cables = motion.problem.cables
-
-    def ranging(found: Ranging, scale: float, unit: str) -> str:
-        return f"{scale * found.range:.3g} {unit}, at {1e3 * found.arc_length:.0f} mm"
-
-    def cycles(found: Ranging, scale: float, unit: str) -> str:
-        listed = [f"{cycle.count:g} x {scale * cycle.range:.3g}" for cycle in found.cycles[:MOST_CYCLES]]
-        more = ", ..." if len(found.cycles) > MOST_CYCLES else ""
-        return f"{', '.join(listed)}{more} {unit}" if listed else "none"
-
-    turn = math.degrees(1.0)
-    rows = {
-        "Length": [f"{1e3 * cables[n].cable.length:.1f} mm" for n in sheets],
-        "Diameter": [f"{1e3 * cables[n].cable.diameter:.2f} mm" for n in sheets],
-        "Smallest bend radius": [_straight(s.bend_radius, f"{1e3 * s.bend_radius:.1f} mm") for s in sheets.values()],
-        "in diameters": [_straight(s.bend_radius, f"{s.bend_diameters:.1f}") for s in sheets.values()],
-        "Largest twist": [f"{turn * s.twist:.0f} deg/m" for s in sheets.values()],
-        "Bending range in a cycle": [ranging(s.bend, 1.0, "1/m") for s in sheets.values()],
-        "Bending cycles (rainflow)": [cycles(s.bend, 1.0, "1/m") for s in sheets.values()],
-        "Strain range at the surface": [
-            f"{100 * cables[n].cable.radius * s.bend.range:.2g} %" for n, s in sheets.items()
-        ],
-        "Twist range in a cycle": [ranging(s.twisting, turn, "deg/m") for s in sheets.values()],
-        "Twist cycles (rainflow)": [cycles(s.twisting, turn, "deg/m") for s in sheets.values()],
-        "Sag below the lower end": ["-" if s.sag is None else f"{1e3 * s.sag:.1f} mm" for s in sheets.values()],
-        "Room taken, along x, y, z": [
-            " x ".join(f"{1e3 * side:.0f}" for side in s.reach) + " mm" for s in sheets.values()
-        ],
-    }
-    note = (
-        "A cycle is the motion and back the same way, unless the motion ends where it began. Strain: as if the cable "
-        "were solid; the strands of a cable slide, so theirs is less."
-    )
-    return {"names": list(sheets), "rows": list(rows.items()), "note": note}
-
-
-def _straight(radius: float, words: str) -> str:
-    return words if radius < tables.LARGE else "straight"
-
-
 # --- notes ---------------------------------------------------------------------------------------------
 
 
@@ -318,6 +272,7 @@ def input_tables(problem: Problem) -> Iterator[Json]:
         yield {"head": HEAD_CUT, "rows": marks}
     moving = {way.body: way for way in travels(problem)}
     bodies = [(name, motion_words(problem, name), moving[name].at(0.0), moving[name].at(1.0)) for name in moving]
+    bodies += [(name, motion_words(problem, name), "", "") for name, body in problem.bodies.items() if body.free]
     if bodies:
         yield {"head": HEAD_BODIES, "rows": bodies}
 
@@ -370,6 +325,8 @@ def roll_words(end: End) -> str:
 def motion_words(problem: Problem, name: str) -> str:
     """Return how a body moves: about which line, or which way."""
     body = problem.body(name)
+    if body.free:
+        return f"hangs on its cables, {1e3 * body.mass:.4g} g" if body.mass else "hangs on its cables, weightless"
     words = _own_motion_words(body.motion)
     return words if body.parent == WORLD else f"{words}, on {body.parent}"
 

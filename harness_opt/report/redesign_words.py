@@ -72,6 +72,8 @@ def redesign_words(summary: Summary) -> Iterator[str]:
     found = summary.get("redesign")
     if found is None:
         return
+    if found.get("without"):
+        yield f"Optional clips that it does without: {', '.join(found['without'])}."
     for name, moved in found.get("moved_inside", {}).items():
         unit = _unit(name)
         a, b = (f"{unit.factor * moved[key]:.6g} {unit.name}" for key in ("from", "to"))
@@ -233,6 +235,8 @@ def redesign_summary(result: Motion | Redesign) -> RedesignEntry:
         costs=[_price(found) for found in result.prices],
         history=[_step(step) for step in result.history],
     )
+    if result.without:
+        entry["without"] = list(result.without)
     if result.robust is not None:
         entry["robust"] = _robust_entry(result.robust)
     if result.trade_off is not None:

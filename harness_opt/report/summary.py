@@ -18,6 +18,7 @@ from harness_opt.clearance.measure import clearances
 from harness_opt.clearance.pairs import ClearanceResult, PairClearance
 from harness_opt.files.result_folder import SUMMARY
 from harness_opt.files.summary import (
+    ClipEntry,
     Command,
     CycleEntry,
     LimitEntry,
@@ -37,7 +38,7 @@ from harness_opt.model.plausibility import doubts
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import LimitResult, Motion, Snap
 from harness_opt.numerics.rotations import Array
-from harness_opt.report.data_sheet import DataSheet, Ranging, data_sheets
+from harness_opt.report.data_sheet import ClipUse, DataSheet, Ranging, clip_uses, data_sheets
 from harness_opt.report.redesign_words import redesign_summary
 
 if TYPE_CHECKING:
@@ -111,6 +112,7 @@ def summary(
         "open_meshes": sorted({pair.obstacle.name for pair in measured.pairs if not pair.closed}),
         "frames_solved_between": dict(measured.inserted),
         "data_sheet": {name: _sheet(sheet) for name, sheet in data_sheets(motion).items()},
+        "clips": [_clip(use) for use in clip_uses(motion)],
         "snaps": [_snap(snap) for snap in motion.snaps],
         "stable": bool(motion.cables) and all(np.all(cable.stable) for cable in motion.cables.values()),
         "equilibrium": {
@@ -126,6 +128,18 @@ def summary(
         content["redesign"] = redesign_summary(result)
     found: Summary = _strict(content)
     return found
+
+
+def _clip(use: ClipUse) -> ClipEntry:
+    return ClipEntry(
+        cable=use.cable,
+        clip=use.clip,
+        kind=use.kind,
+        body=use.body,
+        arc_length=[use.first, use.least, use.most],
+        force=use.force,
+        moment=use.moment,
+    )
 
 
 def _snap(snap: Snap) -> SnapEntry:

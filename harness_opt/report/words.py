@@ -24,6 +24,7 @@ OWN, SHARE = 7, 8  # columns of HEAD: where the motion stands in its own unit, a
 WIDTH = 80  # characters of a line, at most where columns may be cut
 NARROWEST = 6  # characters to which a column is cut, if need be
 LEFT = {0, 1, 2, 6, 10}  # columns set to the left, the others to the right
+CLIPS = ("cable", "clip", "kind", "at mm", "force", "moment")
 SHEET = ("cable", "bend radius", "diameters", "twist", "bend range", "twist range", "sag")
 NAMES = (2, 1)  # columns that may be cut, in this order
 LARGE = 1e5  # from which numbers are rounded to two digits: a straight cable's bend radius
@@ -124,7 +125,7 @@ def report(summary: Summary) -> str:
     redesigned = summary.get("redesign")
     before = None if redesigned is None else redesigned["limits_before"]
     limits = table(summary["limits"], moments_of(summary), before)
-    blocks = [_headline(summary), limits, data_sheet(summary), changes(summary)]
+    blocks = [_headline(summary), limits, data_sheet(summary), clips(summary), changes(summary)]
     told = [*notes(summary), *redesign_words(summary), conclusion(summary)]
     blocks.append("\n".join(_wrapped(note) for note in told))
     return "\n\n".join(block for block in blocks if block)
@@ -148,6 +149,17 @@ def data_sheet(summary: Summary) -> str:
             )
         )
     return "\n".join(laid_out(rows, cut=(0,))) if len(rows) > 1 else ""
+
+
+def clips(summary: Summary) -> str:
+    """Return what clips do, a line for each; nothing where cables have none."""
+    rows = [CLIPS]
+    for clip in summary.get("clips", []):
+        first, least, most = (1e3 * at for at in clip["arc_length"])
+        slid = f"{least:.1f} to {most:.1f}" if clip["kind"] in ("sleeve", "ring") else f"{first:.1f}"
+        force, moment = (0.0 if clip[load] is None else clip[load] for load in ("force", "moment"))  # type: ignore[literal-required]
+        rows.append((clip["cable"], clip["clip"], clip["kind"], slid, f"{force:.2f} N", f"{moment:.3f} N m"))
+    return "\n".join(laid_out(rows, cut=(0, 1))) if len(rows) > 1 else ""
 
 
 def advice(summary: Summary, folder: Path | None) -> list[str]:
