@@ -85,8 +85,17 @@ def redesign(
     if problem.design.minimise == "clips" and problem.design.maximise is None:
         if pareto is not None:
             raise ProblemError('design.minimise: found "clips", expected "change" or "length" for a trade-off curve')
-        options = {"solver": solver, "progress": progress, "watch": watch, "executor": executor}
-        return _fewest_clips(problem, lambda one: redesign(one, throw=False, **options), throw=throw)  # type: ignore[arg-type]
+        if robust is not None:
+            raise ProblemError(
+                'design.minimise: found "clips", expected "change" or "length" where tolerances are held'
+            )
+
+        def solved(one: Problem, reasons: bool) -> Redesign:
+            return _nominal_redesign(
+                one, solver=solver, progress=progress, watch=watch, executor=executor, reasons=reasons, throw=False
+            )
+
+        return _fewest_clips(problem, solved, throw=throw)
     if robust is None:
         return _nominal_redesign(
             problem, solver=solver, progress=progress, watch=watch, earlier=earlier, pareto=pareto, executor=executor,
@@ -116,7 +125,7 @@ def redesign(
     return dataclasses.replace(best.found, feasible=holds, robust=told)
 
 
-def _fewest_clips(problem: Problem, solved: Callable[[Problem], Redesign], *, throw: bool) -> Redesign:
+def _fewest_clips(problem: Problem, solved: Callable[[Problem, bool], Redesign], *, throw: bool) -> Redesign:
     """Return the redesign with the fewest optional clips that holds all limits, of those the one of least change.
 
     Every choice of clips is redesigned in turn, none of them first; that with all of them where none holds.
@@ -127,7 +136,8 @@ def _fewest_clips(problem: Problem, solved: Callable[[Problem], Redesign], *, th
         held = []
         for kept in itertools.combinations(optional, count):
             without = [one for one in optional if one not in kept]
-            found = solved(_without(problem, without))
+            # why one with fewer clips does not do is not asked: one with more may
+            found = solved(_without(problem, without), count == len(optional))
             last = dataclasses.replace(found, without=tuple(f"{cable}.{clip}" for cable, clip in without))
             if last.feasible or last.status is Status.INTERRUPTED:
                 held.append(last)
@@ -257,6 +267,7 @@ def _nominal_redesign(
     pareto: tuple[str, str] | None = None,
     executor: Executor | None = None,
     asked: Mapping[LimitId, float] | None = None,
+    reasons: bool = True,
     throw: bool = True,
 ) -> Redesign:
     """Return what :func:`redesign` does for the nominal design, tolerances or none.
@@ -265,6 +276,7 @@ def _nominal_redesign(
 
     Args:
         asked: margins to hold, by limit, as a share of it: what tolerances take from it; none where left out.
+        reasons: whether to look for what would have to give where a limit is violated.
     """
     check_design(problem)
     if pareto is not None:
@@ -293,7 +305,7 @@ def _nominal_redesign(
                 evaluate, found = otherwise_bowed(evaluate, objective, found, log)
             ends = _ends_of(found, problem, objective)
             status, message = found.motion.status, found.motion.message
-            if status.ok:
+            if status.ok and (reasons or found.holds(snaps=objective.snaps)):
                 told = _reasons(evaluate, objective, found, log)
             if status.ok and pareto is not None:
                 curve = trade_off(evaluate, _named(problem, ends.values), pareto, log)

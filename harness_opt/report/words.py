@@ -157,7 +157,7 @@ def clips(summary: Summary) -> str:
     for clip in summary.get("clips", []):
         first, least, most = (1e3 * at for at in clip["arc_length"])
         slid = f"{least:.1f} to {most:.1f}" if clip["kind"] in ("sleeve", "ring") else f"{first:.1f}"
-        force, moment = (0.0 if clip[load] is None else clip[load] for load in ("force", "moment"))  # type: ignore[literal-required]
+        force, moment = (0.0 if clip[load] is None else clip[load] for load in ("force", "moment"))
         rows.append((clip["cable"], clip["clip"], clip["kind"], slid, f"{force:.2f} N", f"{moment:.3f} N m"))
     return "\n".join(laid_out(rows, cut=(0, 1))) if len(rows) > 1 else ""
 
