@@ -114,7 +114,7 @@ def check(file: Path, as_json: bool, folders: tuple[Path, ...]) -> int:
     problem = read_problem(file, folders)
     with naming(file):
         if short := too_short(problem, problem.cables):
-            raise ProblemError(short.values())
+            raise ProblemError([one.message for one in short])
         content = facts(problem, load_scene(problem))
     if not as_json:
         say(description(problem, content))

@@ -22,7 +22,7 @@ from harness_opt.design.sqp import SMALL, TRUST
 from harness_opt.errors import ProblemError
 from harness_opt.model import design_variables
 from harness_opt.model.results import LimitResult, Motion
-from harness_opt.model.spans import in_spans, shortest, too_short
+from harness_opt.model.spans import in_spans, too_short
 from harness_opt.motion.simulate import simulate
 from harness_opt.numerics.quadratic_program import Program, solve
 from harness_opt.numerics.rotations import Array
@@ -64,15 +64,14 @@ def beginning(evaluate: Evaluator, objective: Objective, values: Array) -> Begin
     if first is None:
         joined = joinable(evaluate, objective, values)
         if np.min(_reach(evaluate, joined).margin, initial=np.inf) < -SPARE:
-            raise ProblemError(f"{line}, which no design within the bounds gives it" for line in short.values())
+            raise ProblemError(f"{one.message}, which no design within the bounds gives it" for one in short)
         first = evaluate(joined, None) if np.any(joined != values) else None
     for number in range(ROUNDS):
         seen = [] if first is not None else looks(evaluate, objective, None, number)
         for look in sorted(seen, key=lambda one: objective.preference(one.values)):
             first = first or evaluate(look.values, None)
     if short:
-        apart = in_spans(problem)
-        by = {name: shortest(apart, name)[0] - apart.cables[name].cable.length for name in short}
+        by = {one.spans[0]: one.by for one in short}
         return Beginning(first, Motion(problem, np.zeros(0), {}), None, by)
     if first is not None and np.array_equal(first.values, design_variables.values(problem)):
         return Beginning(first, first.motion, all_limits(problem, first.motion, first.clearances))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,8 +24,23 @@ def first_state(harness: Harness, at: float) -> State | None:
         state = started(harness, guess(harness, at, reach), at)
         rest = None if state is None else at_rest(state)
         if rest is not None:
-            return rest
+            return _begun_again(rest)
     return None
+
+
+def _begun_again(rest: State) -> State:
+    """Return a state whose spans have the turns, and the sides they bow to, that they begin with where it rests.
+
+    From a first guess bodies may come to rest half a turn on, and their cables with twist that no one asked for.
+    """
+    most, gain = 3, 1e-9  # times; of the energy, that is worth another
+    for _ in range(most):
+        begun = started(rest.harness, rest.pose, rest.at)
+        again = None if begun is None else at_rest(begun)
+        if again is None or not again.energy < rest.energy - gain * (rest.harness.stiff + abs(rest.energy)):
+            break
+        rest = again
+    return rest
 
 
 def started(harness: Harness, pose: Pose, at: float) -> State | None:
@@ -55,9 +70,11 @@ def guess(harness: Harness, at: float, reach: float) -> Pose:
     """
     rounds, stiff = 400, 0.5
     freedoms, pose = harness.freedoms, drawn(harness.freedoms)
-    lengths, given = freedoms.lengths(), [_is_given(harness, body) for body in range(len(freedoms.bodies))]
+    pose = replace(pose, places=_shared(harness, pose, at))
+    given = [_is_given(harness, body) for body in range(len(freedoms.bodies))]
     for number in range(rounds):
         placed = freedoms.placed(pose, at)
+        lengths = placed.lengths
         gap = placed.positions[:, 1] - placed.positions[:, 0]
         distance = np.linalg.norm(gap, axis=1)
         # first to the middle of all that holds them, then only where they do not reach
@@ -75,8 +92,35 @@ def guess(harness: Harness, at: float, reach: float) -> Pose:
             moves[given] = 0.0
         elif not np.any(excess > 0.0):
             break
-        pose = dataclasses.replace(pose, positions=pose.positions + moves)
+        pose = replace(pose, positions=pose.positions + moves)
     return _turned(harness, pose, at, given)
+
+
+def _shared(harness: Harness, pose: Pose, at: float) -> Array:
+    """Return arc lengths (c,) at the clips through which cables slide that leave every span long enough, m.
+
+    They are those drawn where these do; else what each cable has to spare is shared by the spans as they are long.
+    """
+    spare = 1.02  # times the distance of its ends, that a span is to be long
+    freedoms, places = harness.freedoms, pose.places.copy()
+    placed = freedoms.placed(pose, at)
+    distance = np.nan_to_num(np.linalg.norm(placed.positions[:, 1] - placed.positions[:, 0], axis=1))
+    row: list[int] = []
+    for span, (_, end) in enumerate(freedoms.ends):
+        row.append(span)
+        if end.clip is not None and freedoms.clips[end.clip].clip.slides:
+            continue
+        lengths, apart = placed.lengths[row], distance[row]
+        if len(row) > 1 and np.any(lengths < spare * apart):
+            loose = not np.all(apart > 0.0)  # an end that hangs free takes what the others leave
+            own = spare * apart if loose else apart * (lengths.sum() / apart.sum())
+            behind = np.cumsum(own - lengths)
+            for number, moved in zip(row[:-1], behind[:-1], strict=True):
+                clip = freedoms.ends[number][1].clip
+                assert clip is not None
+                places[clip] += moved
+        row = []
+    return places
 
 
 def _is_given(harness: Harness, body: int) -> bool:
@@ -102,7 +146,7 @@ def _turned(harness: Harness, pose: Pose, at: float, given: list[bool]) -> Pose:
                     wanted.append(gap[span])
         if own:
             quaternions[body] = rotations.multiply(_aligned(np.array(own), np.array(wanted)), quaternions[body])
-    pose = dataclasses.replace(pose, quaternions=quaternions)
+    pose = replace(pose, quaternions=quaternions)
     placed = freedoms.placed(pose, at)
     for number, clip in enumerate(freedoms.clips):
         if clip.clip.freedoms < 3 or clip.clip.frame is not None:
@@ -111,7 +155,7 @@ def _turned(harness: Harness, pose: Pose, at: float, given: list[bool]) -> Pose:
         world, frame = placed.clips[number], rotations.from_tangent(_mean(along))
         carried = rotations.multiply(world, rotations.conjugate(pose.frames[number]))
         frames[number] = rotations.multiply(rotations.conjugate(carried), frame)
-    return dataclasses.replace(pose, frames=frames)
+    return replace(pose, frames=frames)
 
 
 def _mean(directions: list[Array]) -> Array:

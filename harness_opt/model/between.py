@@ -266,7 +266,7 @@ def mistakes_of(problem: Any) -> list[str]:
     if not found.told:  # what a redesign may lengthen or move is for a simulation to refuse
         free = [one.name for one in (*problem.design.variables, *problem.design.couplings)]
         fixed = [name for name in problem.cables if not any(key.startswith(f"{name}.") for key in free)]
-        found.told += too_short(problem, fixed).values()
+        found.told += [one.message for one in too_short(problem, fixed)]
     return found.told
 
 

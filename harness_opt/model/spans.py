@@ -180,17 +180,41 @@ def slack(problem: Problem, span: Span, motion: Array) -> Array | None:
     return None if way is None else np.asarray(problem.lengths(span.name, motion) - np.linalg.norm(way, axis=1))
 
 
-def too_short(problem: Problem, cables: Iterable[str]) -> dict[str, str]:
-    """Return what is wrong with those of ``cables`` that are too short for their clamps at some moment, by span."""
-    found, names, apart = {}, set(cables), in_spans(problem)
+@dataclass(frozen=True)
+class TooShort:
+    """A stretch of a cable that is too short for its clamps, with the clips between them that it slides through.
+
+    Args:
+        spans: of the stretch, by name.
+        message: what is wrong, for the user.
+        by: how much is missing, m.
+    """
+
+    spans: tuple[str, ...]
+    message: str
+    by: float
+
+
+def too_short(problem: Problem, cables: Iterable[str]) -> list[TooShort]:
+    """Return the stretches of ``cables`` that are too short for their clamps at some moment, along each."""
+    found, names, apart, row = list[TooShort](), set(cables), in_spans(problem), list[Span]()
+    motion = np.linspace(0.0, 1.0, SAMPLES)
     for span in spans_of(problem).values():
-        if span.cable not in names:
+        row.append(span)
+        clamp = problem.cables[span.cable].clamps[span.clamps[1]]
+        if isinstance(clamp, Clip) and clamp.slides:
             continue
-        (distance, at), length = shortest(apart, span.name), span.last - span.first
-        if not distance <= length * (1 + REACH_TOLERANCE):
+        ways = [clamp_way(apart, one.name, motion) for one in row]
+        distance = np.sum([np.linalg.norm(way, axis=1) for way in ways if way is not None], axis=0) + np.zeros(SAMPLES)
+        worst, length = int(np.argmax(distance)), span.last - row[0].first
+        if span.cable in names and not distance[worst] <= length * (1 + REACH_TOLERANCE):
             key, between, whose = f"cables.{quoted(span.cable)}.length", "", "its clamps"
             if span.name != span.cable:
-                between, whose = f" from {span.clamps[0]} to {span.clamps[1]}", "the two"
-            words = f"expected at least {distance:.6g}, the distance between {whose}"
-            found[span.name] = f"{key}: found {length:g}{between}, {words} at {problem.moments.words(at)}"
+                between, whose = f" from {row[0].clamps[0]} to {span.clamps[1]}", "the two"
+            through = "" if len(row) == 1 else f" through {', '.join(one.clamps[1] for one in row[:-1])}"
+            words = f"expected at least {distance[worst]:.6g}, the distance between {whose}{through}"
+            when = problem.moments.words(float(motion[worst]))
+            message = f"{key}: found {length:g}{between}, {words} at {when}"
+            found.append(TooShort(tuple(one.name for one in row), message, float(distance[worst]) - length))
+        row = []
     return found

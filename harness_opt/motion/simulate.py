@@ -71,7 +71,7 @@ def simulate(  # noqa: PLR0913
     check_method(transcription, solver)
     options = Quadrature(points, closure, solver, tolerance)
     if frames is None and (short := too_short(problem, problem.cables)):
-        raise ProblemError(short.values())
+        raise ProblemError([one.message for one in short])
     begin = time.perf_counter()
     motion = place_frames(problem, spatial_step) if frames is None else given_frames(frames, spatial_step)
     begins = _first_shapes(problem, first)

@@ -14,6 +14,9 @@ import casadi as ca
 import numpy as np
 
 import harness_opt as ho
+from harness_opt.harness.balance import Harness
+from harness_opt.harness.first_pose import first_state
+from harness_opt.harness.freedoms import harnesses
 from harness_opt.model.spans import in_spans, spans_of
 from harness_opt.numerics import rotations
 
@@ -104,11 +107,9 @@ def minimum(problem: ho.Problem, segments: int, shapes: dict[str, np.ndarray], p
                 if (span.cable, name) not in clips:
                     clips[span.cable, name] = frame = x.quaternion(near)
                     if kind in ("swivel", "sleeve"):
-                        held = turned(quaternion, ca.DM(rotations.tangent(clamp.frame)))
                         along = turned(frame, ca.DM([0, 0, 1]))
                         side = np.linalg.svd(rotations.tangent(clamp.frame)[None])[2][1:]
                         x.zero += [ca.dot(along, turned(quaternion, ca.DM(one))) for one in side]
-                        del held
                     if kind in ("sleeve", "ring"):
                         at[span.cable, name] = x.free(places[span.cable, name])
                 frame = clips[span.cable, name]
@@ -231,6 +232,51 @@ def _tree(rng: np.random.Generator, gravity) -> ho.Problem:
     return ho.Problem(cables, bodies=bodies, gravity=gravity)
 
 
-def spans_named(problem: ho.Problem) -> list[str]:
-    """Return the names of the spans of ``problem``."""
-    return list(in_spans(problem).cables)
+@dataclass
+class Compared:
+    """A harness as it is found, and as one discrete energy of the whole begun there.
+
+    Args:
+        solved: whether IPOPT came to a minimum.
+        energy, oracle: of both, J.
+        unit: B / L of the first cable, J.
+    """
+
+    solved: bool
+    energy: float
+    oracle: float
+    unit: float
+
+
+def compared(problem: ho.Problem, segments: tuple[int, int, int] = (24, 48, 96)) -> Compared | None:
+    """Return a harness against the oracle, extrapolated from three numbers of segments; None where none is found."""
+    apart, states = in_spans(problem), []
+    for freedoms in harnesses(apart, problem):
+        states.append(first_state(Harness(freedoms, "gauss-newton"), 0.0))
+    if any(state is None for state in states):
+        return None
+    rods, poses, places, energy = {}, {}, {}, 0.0
+    for state in states:
+        energy += state.energy
+        freedoms = state.harness.freedoms
+        rods |= {name: span.solved.rod for name, span in zip(freedoms.spans, state.spans, strict=True)}
+        poses |= {name: (state.pose.positions[k], state.pose.quaternions[k]) for k, name in enumerate(freedoms.bodies)}
+        for clip, place in zip(freedoms.clips, state.pose.places, strict=True):
+            places[tuple(clip.key.split(", "))] = place
+    for name, run in apart.cables.items():
+        if name not in rods:  # between fixed clips
+            start, end = apart.ends(name, [0.0])[0]
+            shape = ho.equilibrium(run.cable, start, end, problem.gravity)
+            rods[name] = shape.rod
+            weight = run.cable.mass_per_length * run.cable.length
+            energy += shape.energy - weight * float(np.dot(problem.gravity, start.position))
+    minima = []
+    for count in segments:
+        middles = (np.arange(count) + 0.5) / count
+        begin = {name: rod.sample(middles).q for name, rod in rods.items()}
+        minima.append(minimum(problem, count, begin, poses, places))
+    one, two, three = (found.energy for found in minima)
+    second = (4 * two - one) / 3, (4 * three - two) / 3
+    first = next(iter(problem.cables.values())).cable
+    unit = float(first.stiffness[0]) / first.length
+    return Compared(all(m.ok for m in minima), energy, (8 * second[1] - second[0]) / 7, unit)
