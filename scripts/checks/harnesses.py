@@ -4,8 +4,8 @@
     python scripts/checks/harnesses.py 20 --first 60   # others
 
 Each is a cable of 2 to 6 spans through clips of all kinds, or a tree about one or two bodies that hang, with round and
-flat cables, weightless to heavy. The oracle (``tests/oracles/harnesses.py``) is begun at what was found, on three numbers
-of segments, and extrapolated: it is the same minimum, or there was none.
+flat cables, weightless to heavy. The oracle (``tests/oracles/harnesses.py``) is begun at what was found, on three
+numbers of segments, and extrapolated: it is the same minimum, or there was none.
 """
 
 from __future__ import annotations
