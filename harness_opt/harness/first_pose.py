@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,17 +69,24 @@ def guess(harness: Harness, at: float, reach: float) -> Pose:
     Bodies are drawn towards what their cables are held by, as springs would that only pull beyond that reach, and
     turned so that their cables leave them towards where these go; so is the cable in its clips.
     """
-    rounds, stiff = 400, 0.5
-    freedoms, pose = harness.freedoms, drawn(harness.freedoms)
-    pose = replace(pose, places=_shared(harness, pose, at))
+    freedoms = harness.freedoms
     given = [_is_given(harness, body) for body in range(len(freedoms.bodies))]
+    pose = _within_reach(harness, drawn(freedoms), at, reach, given)
+    places = _shared(harness, pose, at)
+    if np.any(places != pose.places):
+        pose = _within_reach(harness, replace(pose, places=places), at, reach, [True] * len(given))
+    return _turned(harness, pose, at, given)
+
+
+def _within_reach(harness: Harness, pose: Pose, at: float, reach: float, given: Sequence[bool]) -> Pose:
+    """Return ``pose`` with its bodies moved within reach of all their cables; those ``given`` no further than that."""
+    rounds, stiff, freedoms = 400, 0.5, harness.freedoms
     for number in range(rounds):
         placed = freedoms.placed(pose, at)
-        lengths = placed.lengths
         gap = placed.positions[:, 1] - placed.positions[:, 0]
         distance = np.linalg.norm(gap, axis=1)
         # first to the middle of all that holds them, then only where they do not reach
-        excess = np.where(number < rounds // 4, distance, np.maximum(distance - reach * lengths, 0.0))
+        excess = np.where(number < rounds // 4, distance, np.maximum(distance - reach * placed.lengths, 0.0))
         pull = np.nan_to_num(gap * (excess / np.maximum(distance, 1e-300))[:, None])
         forces, count = np.zeros_like(pose.positions), np.zeros(len(freedoms.bodies))
         for span, ends in enumerate(freedoms.ends):
@@ -89,11 +97,11 @@ def guess(harness: Harness, at: float, reach: float) -> Pose:
                     count[carrier] += 1
         moves = stiff * forces / np.maximum(count, 1)[:, None]
         if number < rounds // 4:
-            moves[given] = 0.0
-        elif not np.any(excess > 0.0):
+            moves[np.asarray(given, dtype=bool)] = 0.0
+        elif not np.any(forces):
             break
         pose = replace(pose, positions=pose.positions + moves)
-    return _turned(harness, pose, at, given)
+    return pose
 
 
 def _shared(harness: Harness, pose: Pose, at: float) -> Array:

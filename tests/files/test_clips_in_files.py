@@ -28,13 +28,17 @@ def test_a_written_problem_reads_back(file):
     assert text.count("[[cables.lead.clips]]") == 2
 
 
-def test_kind_is_fixed(file):
+def test_kinds_are_read_and_written(file, tmp_path):
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace('name = "elbow"', 'name = "elbow"\nkind = "fixed"'), encoding="utf-8")
     assert read_problem(file).cables == arm().cables
-    file.write_text(text.replace('name = "elbow"', 'name = "elbow"\nkind = "sleeve"'), encoding="utf-8")
-    with pytest.raises(ho.ProblemError, match=re.escape('cables.lead.clips.elbow.kind: found "sleeve", expected')):
-        read_problem(file)
+    for kind in ("swivel", "pivot", "sleeve", "ring"):
+        changed = f'name = "elbow"\nkind = "{kind}"\noptional = true'
+        file.write_text(text.replace('name = "elbow"', changed), encoding="utf-8")
+        elbow = read_problem(file).cables["lead"].clips[0]
+        assert (elbow.kind, elbow.optional, elbow.roll) == (kind, True, None)
+        again = read_problem(write_problem(read_problem(file), tmp_path / "again.toml"))
+        assert again.cables == read_problem(file).cables
 
 
 WRONG = [
@@ -55,6 +59,9 @@ WRONG = [
     ("tangent = [0.3", 'roll = "free"\ntangent = [0.3', 'clips.elbow.roll: found "free" at a clip, expected'),
     ("tangent = [0.3", "turns = 0.5\nroll_deg = 3\ntangent = [0.3", "clips.elbow.turns: found 0.5, expected a whole"),
     ("tangent = [0.3", "colour = 3\ntangent = [0.3", "clips.elbow.colour: found an unknown key, expected one of"),
+    ('name = "elbow"', 'name = "elbow"\nkind = "slevee"', 'clips.elbow.kind: found "slevee", expected one of'),
+    ('name = "elbow"', 'name = "elbow"\nkind = "ring"\nturns = 1', "clips.elbow.turns: found it at a ring, expected"),
+    ("tangent = [0.3", 'kind = "swivel"\nroll_deg = 3\ntangent = [0.3', "clips.elbow.roll_deg: found it at a swivel"),
     ("tangent = [0.3", 'holders = ["pots"]\ntangent = [0.3', 'clips.elbow.holders: found "pots", expected a part of'),
 ]
 
