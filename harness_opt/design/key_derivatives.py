@@ -23,6 +23,7 @@ from harness_opt.design.margins import Passing, at_stations, linearised, second_
 from harness_opt.errors import ProblemError, SolveError
 from harness_opt.files.quantities import Quantities
 from harness_opt.files.quantity_keys import Quantity, differentiable
+from harness_opt.harness.freedoms import harnesses
 from harness_opt.model.limits import LimitId
 from harness_opt.model.problem import Problem
 from harness_opt.model.results import CableMotion, Motion, joined
@@ -102,6 +103,9 @@ def linear(quantities: Quantities, keys: Sequence[str], scene: Scene, motion: Ar
     """
     chosen = tuple(quantities[key] for key in keys)
     whole_problem = quantities.problem({})
+    if harnesses(in_spans(whole_problem), whole_problem):
+        words = "expected none where keys are varied all at once: their rates are known to a redesign alone so far"
+        raise ProblemError(f"bodies: found free ones, or clips that let the cable turn or slide, {words}")
     frames, spans = place_frames(whole_problem) if motion is None else motion, spans_of(whole_problem)
     swept = in_turn(
         whole_problem, frames, lambda apart, name, harness: sweep(apart, name, frames, harness=harness), SOLVER

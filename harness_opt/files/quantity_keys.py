@@ -117,7 +117,7 @@ def _values(full: Any, path: KeyPath = ()) -> Iterator[Quantity]:
     """Yield the quantities that are values of the file, and the components of lists."""
     for name, value in full.items():
         here = (*path, name)
-        if here[0] in FIXED:
+        if here[0] in FIXED or (len(here) == 3 and here[0] == "bodies" and _is_no_matter(full, name)):
             continue
         if path:
             yield Quantity(dotted(here), here, value)
@@ -135,6 +135,11 @@ def _values(full: Any, path: KeyPath = ()) -> Iterator[Quantity]:
                 yield Quantity(f"{dotted(here)}.{letter}", here, entry, i)
             if not path:
                 yield Quantity(dotted(here), here, value)
+
+
+def _is_no_matter(body: Any, key: str) -> bool:
+    """Whether a key of a body moves nothing: the mass of one that does not hang, the first guess of one that does."""
+    return key in (("position", "quaternion") if body.get("free") else ("mass",))
 
 
 def _changes(full: Any) -> Iterator[Quantity]:

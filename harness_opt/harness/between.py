@@ -69,7 +69,7 @@ def _parted(states: list[State], turns: Sequence[float]) -> list[list[State]]:
         before = sum(state.at < turn for state in last)
         if not 0 < before < len(last):
             continue
-        here = last[before] if last[before].at == turn else walked(last[before - 1], turn)
+        here = last[before] if last[before].at == turn else walked([last[before - 1]], turn)
         if here is not None:
             beyond = [state for state in last[before:] if state.at > turn]
             pieces[-1:] = [[*last[:before], here], [here, *beyond]]
@@ -85,7 +85,8 @@ def _stretch(states: list[State]) -> list[State]:
         if not wanted:
             break
         for k in reversed(wanted):
-            between = walked(states[k], 0.5 * (states[k].at + states[k + 1].at))
+            around = [states[j] for j in (k - 1, k + 2, k + 1, k) if 0 <= j < len(states)]
+            between = walked(around, 0.5 * (states[k].at + states[k + 1].at))
             if between is not None:
                 states.insert(k + 1, between)
     return states

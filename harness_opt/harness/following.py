@@ -177,10 +177,10 @@ def _walk(trail: list[State], target: float, *, careful: bool) -> bool:
     return trail[-1].at == target
 
 
-def walked(here: State, at: float) -> State | None:
-    """Return the stable state at motion value ``at`` that ``here`` leads to; None where it does not come there."""
-    trail = [here]
-    return trail[-1] if _walk(trail, at, careful=True) else None
+def walked(near: Sequence[State], at: float) -> State | None:
+    """Return the state at motion value ``at`` amid those ``near``, the nearest last; None where none leads there."""
+    trail = list(near)
+    return trail[-1] if _walk(trail, at, careful=False) else None
 
 
 def _step(trail: Sequence[State], at: float) -> State | None:

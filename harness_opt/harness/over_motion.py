@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,13 +16,15 @@ from harness_opt.harness.following import Progress, follow_harness
 from harness_opt.harness.freedoms import Freedoms, with_found
 from harness_opt.harness.rest import at_rest, posed, reheld
 from harness_opt.model.cable import CableRun
-from harness_opt.model.ends import ENDS
+from harness_opt.model.ends import ENDS, Clip, End
 from harness_opt.model.problem import Problem, held_as
+from harness_opt.model.spans import joints
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
 from harness_opt.statics.fitting import Fitted, own_turns, turned
 from harness_opt.statics.solve import Solved
 
+MOST_FITS = 20  # of a harness, until the rolls on both sides of its clips agree
 TURN_STEPS = 16  # a turn: as an end is turned on after it was fitted, 22 degrees at a time
 
 
@@ -120,6 +122,14 @@ def _begun(freedoms: Freedoms, at: float, solver: str, near: FoundHarness | None
         return _Begun(to_fit, _first(fitting, at, None if near is None else near.states[:1]))
     fitted_at = problem.cables[open_rolls[0]].fitted_at
     fitted = _first(fitting, fitted_at, None if near is None or near.fitted is None else [near.fitted])
+    for _ in range(MOST_FITS):  # what lies behind a clip has its roll, and pulls at what lies before it
+        carried = None if fitted is None else _carried(freedoms, open_rolls, fitted)
+        if fitted is None or carried is None:
+            break
+        runs = {name: replace(to_fit.cables[name], start=start) for name, start in carried.items()}
+        again = Harness(freedoms.of(to_fit.changed(cables={**to_fit.cables, **runs})), solver)
+        begun = reheld(again, fitted)
+        fitted = None if begun is None else at_rest(begun)
     if fitted is None:
         return _Begun(problem, None)
     problem, state = _held(freedoms, open_rolls, fitted)
@@ -127,6 +137,33 @@ def _begun(freedoms: Freedoms, at: float, solver: str, near: FoundHarness | None
         followed = follow_harness(state, np.array([state.at, at]))
         state = followed.states[-1] if followed.status.ok else None
     return _Begun(problem, state, fitted)
+
+
+def _carried(freedoms: Freedoms, open_rolls: Sequence[str], fitted: State) -> dict[str, End] | None:
+    """Return the starts of spans behind fixed clips in the rolls that these were fitted in; None where they have them.
+
+    Args:
+        freedoms: of the harness, its clips as described.
+        open_rolls: spans whose ends are fitted.
+        fitted: so far.
+    """
+    same, found, changed = 1e-9, dict[str, End](), False  # rad
+    held = fitted.harness.freedoms
+    stood = with_found(held, held.problem, held.found(np.array([fitted.at]), [fitted.pose]))
+    for _, before, behind in joints(freedoms.problem):
+        if before not in open_rolls or behind not in freedoms.spans:
+            continue
+        clamp = freedoms.problem.cables[before].end
+        q = rotations.normalise(fitted.spans[freedoms.spans.index(before)].solved.rod.q[-1])
+        turn = turned(q, own_turns(clamp))
+        body = stood.poses(clamp.body, [fitted.at])[1][0]
+        own = rotations.multiply(rotations.conjugate(body), turn)
+        start = held.problem.cables[behind].start
+        now = np.asarray(start.frame)
+        off = rotations.small_rotation_vector(rotations.multiply(rotations.conjugate(now), own))
+        changed |= bool(np.linalg.norm(off) > same)
+        found[behind] = start.held(own)
+    return found if changed else None
 
 
 def _first(harness: Harness, at: float, near: Sequence[State] | None) -> State | None:
@@ -157,6 +194,8 @@ def _held(freedoms: Freedoms, open_rolls: Sequence[str], fitted: State) -> tuple
             ]
             one = held_as(stood.changed(cables=problem.cables), span, fitted.at, rolled)
             runs[span] = one.cables[span].to_fit
+            if isinstance(run.start, Clip):  # in the roll that the span before it was fitted in
+                runs[span] = replace(runs[span], start=fitting.cables[span].start)
         held = problem.changed(cables=runs)
         begun = reheld(Harness(freedoms.of(held), fitted.harness.solver), state)
         rest = None if begun is None else at_rest(begun)

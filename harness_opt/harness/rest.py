@@ -18,6 +18,7 @@ from harness_opt.statics.solve import Solved, solve_on
 
 BALANCED = 1e-11  # of the loads, that may be left of a pose at rest: what the spans are solved to
 FOLLOWED = 1e-9  # of the loads, that may be left on a path: less is lost in what the spans' own correctors leave
+STILL = 1e-8  # rad, and lengths of a span, that a pose may be off: a tenth of what it is known to between the frames
 ROUNDED = 1e-8  # of the loads, up to which what is left may be rounding: of stiff cables in light harnesses
 ACCURATE = 1e-9  # estimated error of the spans, in their lengths: what pulls at a joint is as right as its cable
 
@@ -103,9 +104,9 @@ def newton(state: State, most: int = 12, like: State | None = None, balanced: fl
     slow = 0.1  # of what was left, that a correction with another state's Hessian is to leave at most
     matrix, own = (like or state).matrix, like is None
     for _ in range(most):
-        if state.miss <= balanced:
-            return state
         way = np.asarray(np.linalg.lstsq(matrix, -state.slope, rcond=NEUTRAL)[0], dtype=float)
+        if state.miss <= balanced and np.max(np.abs(way), initial=0.0) <= STILL:
+            return state
         following = moved(state, way) if np.max(np.abs(way), initial=0.0) < far else None
         if following is None:
             return None

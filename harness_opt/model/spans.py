@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from harness_opt.model.cable import REACH_TOLERANCE, CableRun
-from harness_opt.model.ends import Clip
+from harness_opt.model.ends import Clip, End
 from harness_opt.model.limits import LimitId, Obstacle, quoted
 from harness_opt.numerics import rotations
 from harness_opt.numerics.rotations import Array
@@ -126,7 +126,9 @@ def whole(spans: Mapping[str, Span], which: LimitId) -> LimitId:
     return dataclasses.replace(which, cable=spans[which.cable].cable, obstacle=obstacle)
 
 
-def carried(problem: Problem, spans: Mapping[str, Span], name: str, at: float, frame: Array) -> Problem:
+def carried(
+    problem: Problem, spans: Mapping[str, Span], name: str, at: float, frame: Array, clamp: End | None = None
+) -> Problem:
     """Return a problem of spans with the roll of a clip as it was found, for the span behind it.
 
     Args:
@@ -136,10 +138,11 @@ def carried(problem: Problem, spans: Mapping[str, Span], name: str, at: float, f
             given.
         at: motion value, 0 to 1.
         frame: section frame (4,) at its end there, in the world.
+        clamp: that end as described; None takes that of the problem, which is held already in a harness.
     """
     here, run = spans[name], problem.cables[name]
     behind = [span for span in spans.values() if span.cable == here.cable and span.clamps[0] == here.clamps[1]]
-    if not behind or run.end.roll != "untwisted":
+    if not behind or (clamp or run.end).roll != "untwisted":
         return problem
     body = problem.poses(run.end.body, [at])[1][0]
     own = rotations.multiply(rotations.conjugate(body), rotations.normalise(frame))

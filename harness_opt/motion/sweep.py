@@ -241,7 +241,8 @@ def in_turn(
         if swept[name].status is Status.INTERRUPTED:
             break
         if len(swept[name].frames):
-            apart = carried(apart, spans, name, float(motion[0]), swept[name].frames[0].rod.q[-1])
+            clamp = problem.cables[spans[name].cable].clamps[spans[name].clamps[1]]
+            apart = carried(apart, spans, name, float(motion[0]), swept[name].frames[0].rod.q[-1], clamp)
     return swept_spans(problem.changed(found=apart.found), apart, swept, coupled)
 
 

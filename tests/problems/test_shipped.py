@@ -15,7 +15,7 @@ from harness_opt.model.design_variables import apply
 from oracles.problems import shipped
 
 ELEMENTS = 24  # three times those that the search uses, and half as many again as its own verification
-NAMES = ["lift_arm", "door", "drawer", "camera_pan", "dress_pack"]
+NAMES = ["lift_arm", "door", "drawer", "camera_pan", "dress_pack", "y_branch"]
 
 
 @functools.cache
@@ -35,6 +35,7 @@ def rows(motion: ho.Motion):
         ("drawer", {("bend_radius", None), ("clearance", "tray")}),  # the tray by 5 um
         ("camera_pan", {("twist", None)}),
         ("dress_pack", {("clearance", "elbow"), ("bend_radius", None), ("clip_force", None)}),
+        ("y_branch", {("bend_radius", None)}),
     ],
 )
 def test_as_drawn(name, violated):

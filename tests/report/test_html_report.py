@@ -30,7 +30,7 @@ from oracles.report_scene import data_of, flap, heights, many, page_of
 
 # files, and frames: few of the rig's, whose whole motion takes a minute
 RIG = tuple(np.linspace(0.2, 1.0, 9))
-SHIPPED = [(name, None) for name in ("lift_arm", "door", "drawer", "camera_pan", "dress_pack")]
+SHIPPED = [(name, None) for name in ("lift_arm", "door", "drawer", "camera_pan", "dress_pack", "y_branch")]
 SHIPPED += [("twist_rig", RIG), ("twist_rig/twist_rig_134_5", RIG)]
 NASTY = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\"'&"
 MEGABYTES = 1e6
