@@ -95,6 +95,9 @@ def clamp_twist(problem: Problem, name: str) -> float | None:
     Else what joins the clamps along the curve that the first shape is looked for from: nothing is solved for it.
     """
     run = problem.cables[name]
+    hangs = not all(problem.is_placed(end.body) for end in run.clamps.values())
+    if hangs or any(clip.is_free for clip in run.clips):
+        return None
     if run.clips:
         apart = in_spans(problem)
         twists = [clamp_twist(apart, span.name) for span in spans_of(problem).values() if span.cable == name]

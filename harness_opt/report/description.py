@@ -14,7 +14,7 @@ from harness_opt.model.cable import CableRun
 from harness_opt.model.courses import Course, Moves, ValueTable
 from harness_opt.model.design import Variable
 from harness_opt.model.design_variables import target, value
-from harness_opt.model.ends import End
+from harness_opt.model.ends import Clip, End
 from harness_opt.model.limits import CABLE_KINDS, LimitKind
 from harness_opt.model.parts import MeshFile, Part
 from harness_opt.model.plausibility import doubts
@@ -91,7 +91,7 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
         "spans": held,
         "start": _end(run.start),
         "end": _end(run.end),
-        "clips": {clip.name: {"at": clip.at, **_end(clip)} for clip in run.clips},
+        "clips": {clip.name: {"at": clip.at, "kind": clip.kind, **_end(clip)} for clip in run.clips},
         "turns": run.turned_in,
         "bend_radius": run.bend_radius,
         "clamp_twist": clamp_twist(problem, name),
@@ -103,7 +103,9 @@ def _cable(problem: Problem, name: str, motion: Array) -> Json:
 def _span(problem: Problem, span: Span, motion: Array) -> Json:
     """Return the clamps of a span of ``problem``, which is in spans, its least and most slack, and where that is."""
     found: Json = {"from": span.clamps[0], "to": span.clamps[1], "slack": None, "least_slack_at": None}
-    left = slack(problem, span, motion)
+    run = problem.cables[span.name]
+    slides = any(isinstance(end, Clip) and end.slides for end in (run.start, run.end))
+    left = None if slides else slack(problem, span, motion)  # where it slides, its length is to be found
     if left is None:
         return found
     tight = problem.moments.words(float(motion[np.argmin(left)]))
@@ -137,6 +139,8 @@ def _end(end: End) -> Json:
 
 def _body(body: Body) -> Json:
     stands = {"position": list(body.position), "quaternion": list(body.quaternion)} if body.is_placed else {}
+    if body.free:
+        return {"parent": body.parent, **stands, "kind": "free", "mass": body.mass}
     return {"parent": body.parent, **stands, **_body_motion(body.motion)}
 
 
@@ -247,7 +251,9 @@ def _cable_lines(content: Mapping[str, Any]) -> Iterator[str]:
             where = "at the start" if cable["fitted_at"] is None else f"where fitted, at {cable['fitted_where']}"
             yield f"  its clamps build in {degrees:.4g} deg of twist, {degrees / cable['length']:.4g} deg/m, {where}"
         for clip, held in cable["clips"].items():
-            yield f"  at {_mm(held['at'])} mm {_held(clip, held)}"
+            where = "in the world" if held["body"] == WORLD else f"on {held['body']}"
+            free = f"{clip} is a {held['kind']} {where}"
+            yield f"  at {_mm(held['at'])} mm {_held(clip, held) if held['kind'] == 'fixed' else free}"
         for span in cable["spans"]:
             if span["slack"] is not None:
                 between = f" from {span['from']} to {span['to']}" if cable["clips"] else ""
@@ -277,6 +283,8 @@ def _body_lines(content: Mapping[str, Any]) -> Iterator[str]:
             words += _follows_words(body, _mm, "mm")
         elif body["kind"] == "poses":
             words = f"follows the {body['count']} poses of {body['file'] or 'a table'}"
+        elif body["kind"] == "free":
+            words = f"hangs on its cables, {1e3 * body['mass']:.4g} g"
         else:
             words = "stands still" if body["parent"] == WORLD else "is fixed"
         carried = "" if body["parent"] == WORLD else f", on {body['parent']}"

@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from oracles.harnesses import compared, random_harness
 
 CLOSE = 1e-6  # of the energies, and of the first cable's B / L
+FINER = (128, 256, 512)  # segments, where the usual ones are too coarse for that
 
 
 def main() -> int:
@@ -33,13 +34,15 @@ def main() -> int:
     for seed in range(options.first, options.first + options.count):
         begin = time.perf_counter()
         found = compared(random_harness(seed))
+        if found is not None and found.solved and found.off > CLOSE:  # thin layers at the clamps of heavy cables
+            found = compared(random_harness(seed), FINER)
         seconds.append(time.perf_counter() - begin)
         if found is None:
             none.append(seed)
         elif not found.solved:
             unsolved.append(seed)
         else:
-            off.append(abs(found.energy - found.oracle) / (abs(found.energy) + found.unit))
+            off.append(found.off)
             if off[-1] > CLOSE and found.energy > found.oracle:
                 wrong.append(seed)
         told = "none" if found is None else "the oracle came to no end" if not found.solved else f"{off[-1]:.1e}"

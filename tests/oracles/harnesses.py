@@ -247,6 +247,11 @@ class Compared:
     oracle: float
     unit: float
 
+    @property
+    def off(self) -> float:
+        """How far apart the two are, over their size and the unit."""
+        return abs(self.energy - self.oracle) / (abs(self.energy) + self.unit)
+
 
 def compared(problem: ho.Problem, segments: tuple[int, int, int] = (24, 48, 96)) -> Compared | None:
     """Return a harness against the oracle, extrapolated from three numbers of segments; None where none is found."""
