@@ -251,7 +251,7 @@ def _facts(motion: Motion, summary: Summary) -> list[tuple[str, str]]:
         ("Cables" if len(problem.cables) > 1 else "Cable", ", ".join(problem.cables)),
         ("Length", lengths),
         ("Parts", _some(list(problem.parts))),
-        ("Snaps", f"{len(summary['snaps']) or 'none'}"),
+        ("Snaps", f"{len({(snap['cable'], snap['motion']) for snap in summary['snaps']}) or 'none'}"),
         ("Computed in", f"{summary['timing']['total']:.1f} s"),
     ]
 

@@ -206,10 +206,12 @@ def _headline(summary: Summary) -> str:
 
 def notes(summary: Summary) -> Iterable[str]:
     """Give what to know about a summary, a sentence each."""
+    snaps = []
     for snap in summary["snaps"]:
         at = f"{moments_of(summary).words(snap['motion'])}, frame {snap['frame']}"
         through = ", through itself," if snap["passes_through_itself"] else ""
-        yield f"Cable {snap['cable']} snaps to another shape{through} at {at}."
+        snaps.append(f"Cable {snap['cable']} snaps to another shape{through} at {at}.")
+    yield from dict.fromkeys(snaps)  # of a cable whose spans all jump together once
     if summary["frames"] and not summary["stable"]:
         yield "Some frames show an unstable shape."
     yield from _certainty(summary)
@@ -254,7 +256,7 @@ def conclusion(summary: Summary) -> str:
     if status == "unsolved":
         return f"Not solved: {summary['message'] or summary['reason']}"
     if status == "infeasible":
-        in_the_way = [*short, *(f"a snap of {snap['cable']}" for snap in summary["snaps"])]
+        in_the_way = [*short, *dict.fromkeys(f"a snap of {snap['cable']}" for snap in summary["snaps"])]
         looked = f"None found among {summary['redesign']['looked_at']} designs looked at that holds all limits"
         return f"{looked}; the one given violates them least. In the way: {'; '.join(in_the_way)}."
     if not limits:
