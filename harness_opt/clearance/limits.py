@@ -111,7 +111,7 @@ def all_limits(problem: Problem, motion: Motion, clearances: ClearanceResult) ->
 
 
 def _travels(problem: Problem, motion: Motion) -> Iterator[LimitResult]:
-    """Yield how far cables slide to and fro through their clips, certain but where one jumps.
+    """Yield how far cables slide back and forth through their clips, certain but where one jumps.
 
     Where a cable stands in a clip is known between the frames as well as in them, as a spline.
     """

@@ -347,7 +347,7 @@ def _limit_rows(limits: Limits) -> Rows:
         ("clamp_moment", given["clamp_moment"], "N m"),
         ("clip_force", given["clip_force"], "N"),
         ("clip_moment", given["clip_moment"], "N m"),
-        ("travel", given["travel"], "m, to and fro through a clip"),
+        ("travel", given["travel"], "m, back and forth through a clip"),
     ]
 
 

@@ -33,7 +33,7 @@ class Limits:
         clamp_moment: N m.
         clip_force: of every clip between them, N.
         clip_moment: N m.
-        travel: how far the cable slides to and fro through each sleeve and ring, m.
+        travel: how far the cable slides back and forth through each sleeve and ring, m.
     """
 
     clearance: float | None = None
