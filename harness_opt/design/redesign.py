@@ -221,8 +221,7 @@ def check_design(problem: Problem) -> None:
     if not problem.design.variables:
         some = ", ".join(design_variables.names(problem)[:3])
         mistakes.append(f"design.variables: found none, expected at least one, such as {some}")
-    limits = [*vars(problem.limits).values(), *(part.clearance for part in problem.parts.values())]
-    if all(limit is None for limit in (*limits, *(run.bend_radius for run in problem.cables.values()))):
+    if not problem.has_limits:
         mistakes.append("limits: found none, expected at least one limit for the redesign to hold")
     if mistakes:
         raise ProblemError(mistakes)

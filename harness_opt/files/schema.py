@@ -228,9 +228,7 @@ class LimitsTable(Table):
     clamp_moment: Positive | None = Field(default=None, description="Largest moment at a clamp, N m.")
     clip_force: Positive | None = Field(default=None, description="Largest force of a clip on the cable, N.")
     clip_moment: Positive | None = Field(default=None, description="Largest moment of a clip on the cable, N m.")
-    travel: Positive | None = Field(
-        default=None, description="How far a cable slides back and forth in a clip, m."
-    )
+    travel: Positive | None = Field(default=None, description="How far a cable slides back and forth in a clip, m.")
 
 
 class PathTable(Table):

@@ -189,6 +189,12 @@ class Problem:
         return Moments(travels(self), self.duration, self.out_and_back)
 
     @property
+    def has_limits(self) -> bool:
+        """Whether there is anything to hold, and so to be certain of between the frames."""
+        own = [part.clearance for part in self.parts.values()] + [run.bend_radius for run in self.cables.values()]
+        return any(limit is not None for limit in (*vars(self.limits).values(), *own))
+
+    @property
     def moves(self) -> bool:
         """Whether any body has a motion."""
         return any(body.motion is not None for body in self.bodies.values())

@@ -85,7 +85,7 @@ def simulate(  # noqa: PLR0913
                 harness=harness, progress=progress,
             )  # fmt: skip
 
-        swept = in_turn(problem, motion, follow, solver, progress)
+        swept = in_turn(problem, motion, follow, solver, progress, between=problem.has_limits)
     result = joined(problem, collect(swept, motion, time.perf_counter() - begin))
     if throw and not result.ok:
         raise SolveError(result.message, result.status, result)

@@ -3,7 +3,7 @@
     python scripts/benchmarks/harness_times.py
 
 Every row is simulated through the public API, everything included, in frames that are given. The peer, in the same run,
-is the same spans between fixed clips that stand as they were found. Medians of five; every solve keeps to one thread.
+is the same spans between fixed clips that stand as they were found. Medians of three; every solve keeps to one thread.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import harness_opt as ho
 
 FRAMES = np.linspace(0.0, 1.0, 31)
-RUNS = 5
+RUNS = 3
 
 
 def row(kind: str, spans: int) -> ho.Problem:

@@ -34,7 +34,8 @@ def arch(*, cut: bool) -> ho.Problem:
     here = ho.End((0, 0, 0), ALONG_X, body="bead")
     cables = {"one": ho.CableRun(cable(0.4), start, here), "other": ho.CableRun(cable(0.6), here, end)}
     bead = ho.Body(position=(0.22, 0.0, 0.3), free=True)
-    return ho.Problem(cables, {"lever": lever, "bead": bead}, gravity=(0, 0, -G))
+    bodies, limits = {"lever": lever, "bead": bead}, ho.Limits(bend_radius=0.02)  # to be certain of between the frames
+    return ho.Problem(cables, bodies, gravity=(0, 0, -G), limits=limits)
 
 
 @pytest.fixture(scope="module")
