@@ -166,7 +166,7 @@ def _against_cable(given: Motion, own: Task, other: Task, views: _Views | None) 
 
 
 def _never_near(given: Motion, task: Task, obstacle: Obstacle) -> PairClearance:
-    """Return the pair of a cable with what it cannot come near: too short for that, or all of it at a shared clamp."""
+    """Return the pair of a cable with what it cannot come near: too short, tied to it, or all at a shared clamp."""
     place = Witnesses(
         frame=np.zeros(1, dtype=np.int64),
         arc_length=np.zeros(1),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from harness_opt.clearance.witnesses import Task
-from harness_opt.model.ends import End
+from harness_opt.model.ends import Clip, End
 from harness_opt.model.problem import Problem
 from harness_opt.parts.geometry import Geometry
 
@@ -76,10 +77,24 @@ def let_off_rate(end: End, radius: float, limit: float | None) -> float:
     return 1.0 if radius + (limit or 0.0) > 4.0 * radius else 4.0
 
 
-def shared_clamps(problem: Problem, one: str, other: str) -> list[tuple[bool, bool]]:
-    """Return which ends of two cables stand in one clamp: whether it is the end of the one, and of the other.
+@dataclass(frozen=True)
+class SharedClamp:
+    """Where two cables are held together: in a splice, a clip on the way, or a tie.
 
-    That is a splice or a clip on the way: two spans that meet there do not collide for it.
+    Args:
+        at_end, other_at_end: whether it is the end of the one, and of the other, or else the start.
+        tie: name of the free body on which both are clipped; None where it is no tie.
+    """
+
+    at_end: bool
+    other_at_end: bool
+    tie: str | None
+
+
+def shared_clamps(problem: Problem, one: str, other: str) -> list[SharedClamp]:
+    """Return where two cables of a problem in spans are held together: they do not collide for it.
+
+    That is where their clamps in one body stand nearer to each other than the cables are thick, and at every tie.
     """
     runs = (problem.cables[one], problem.cables[other])
     apart = runs[0].cable.radius + runs[1].cable.radius
@@ -87,9 +102,12 @@ def shared_clamps(problem: Problem, one: str, other: str) -> list[tuple[bool, bo
     for at_end, other_at_end in itertools.product((False, True), repeat=2):
         a = runs[0].end if at_end else runs[0].start
         b = runs[1].end if other_at_end else runs[1].start
-        placed = a.position is not None and b.position is not None and a.body == b.body
-        if placed and math.dist(a.position or (), b.position or ()) < apart:
-            found.append((at_end, other_at_end))
+        if a.position is None or b.position is None or a.body != b.body:
+            continue
+        clipped = isinstance(a, Clip) and isinstance(b, Clip) and a.body in problem.bodies
+        tie = a.body if clipped and problem.bodies[a.body].free else None
+        if tie is not None or math.dist(a.position, b.position) < apart:
+            found.append(SharedClamp(at_end, other_at_end, tie))
     return found
 
 
@@ -97,16 +115,20 @@ Domain = tuple[float, float, float, float]  # arcs of the one, from and to, and 
 
 
 def domains(problem: Problem, one: Task, other: Task) -> list[Domain]:
-    """Return the rectangles of arcs in which two different cables count against each other.
+    """Return the rectangles of arcs in which two different cables of a problem in spans count against each other.
 
-    All of both; but where they share a clamp not what lies within :func:`arc_apart` of it on either.
+    All of both; but where they share a clamp not what lies within :func:`arc_apart` of it on either, and between two
+    ties nothing: cables that are tied together lie side by side.
     """
+    shared = shared_clamps(problem, one.cable, other.cable)
+    if len({clamp.tie for clamp in shared} - {None}) > 1:
+        return []
     length, other_length = float(one.curve.s[-1]), float(other.curve.s[-1])
     found = [(0.0, length, 0.0, other_length)]
     gap = arc_apart(0.5 * (one.radius + other.radius), one.limit)
-    for at_end, other_at_end in shared_clamps(problem, one.cable, other.cable):
-        near = (length - gap, length) if at_end else (0.0, gap)
-        other_near = (other_length - gap, other_length) if other_at_end else (0.0, gap)
+    for clamp in shared:
+        near = (length - gap, length) if clamp.at_end else (0.0, gap)
+        other_near = (other_length - gap, other_length) if clamp.other_at_end else (0.0, gap)
         found = [part for domain in found for part in _without(domain, near, other_near)]
     return found
 
