@@ -63,15 +63,13 @@ def follow_harness(first: State, motion: Array, progress: Progress | None = None
         if frame < len(motion) and frame - checked < BATCH:
             reached = _walk(trail, float(motion[frame]), careful=careful)
             if not reached:
-                if careful or checked == frame:
-                    state = _over_snaps(trail, float(motion[frame]), found, frame)
-                    if state is None:
-                        _give_up(found, motion)
-                        break
-                    careful, checked = False, frame + 1
-                else:  # perhaps one of the frames before it is lost already
+                if not careful:  # perhaps one of the frames before it is lost already
+                    checked = _first_bad(states, checked) or frame
                     trail, careful = _back_to(states, checked), True
                     continue
+                if _over_snaps(trail, float(motion[frame]), found, frame) is None:
+                    _give_up(found, motion)
+                    break
             states.append(trail[-1])
             if careful:
                 careful, checked = False, frame + 1
@@ -137,16 +135,14 @@ def _over_snaps(trail: list[State], target: float, found: FollowedHarness, frame
     """
     most_losses = 8  # between two frames
     for _ in range(most_losses):
-        if _walk(trail, target, careful=True):
-            return trail[-1]
         released = _released(trail[-1], target)
         if released is None:
             return None
         if _turned(trail[-1], released) > JUMP:
             found.snaps.append((frame, released.at))
         trail[:] = [released]
-        if released.at == target:
-            return released
+        if _walk(trail, target, careful=True):
+            return trail[-1]
     return None
 
 
